@@ -1,0 +1,31 @@
+"""The errors that users see; the command line prints them as one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class FastSlamError(Exception):
+    """Base of all expected errors."""
+
+
+class ConfigError(FastSlamError):
+    """A configuration value is unknown, of the wrong type or out of range."""
+
+
+class DataError(FastSlamError):
+    """A file cannot be used. The message starts with the path and, where known, the line."""
+
+    def __init__(self, message: str, path: Path | str | None = None, line: int | None = None) -> None:
+        self.path = None if path is None else Path(path)
+        self.line = line
+        where = "" if path is None else f"{path}:{line}: " if line is not None else f"{path}: "
+        super().__init__(where + message)
+
+
+class ModelError(FastSlamError):
+    """A motion or measurement model was given parameters that it cannot work with."""
+
+
+class NumericalError(FastSlamError):
+    """The filter cannot go on (step and particle are in the message)."""

@@ -1,0 +1,110 @@
+"""A log in memory: controls, sightings and truth as arrays, whatever file format they came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Controls:
+    """Odometry or commands, in time order.
+
+    For the `velocity` (speed_m_per_s, yaw_rate_rad_per_s) and `ackermann` (speed_m_per_s, steering_rad)
+    motion models row i holds from `stamp_s[i]` until the next row (zero-order hold). For `odometry` and
+    `increments` row i is (dx_m, dy_m, dheading_rad), the pose at `stamp_s[i]` in the frame of the pose at
+    `stamp_s[i - 1]` (the first row: in the frame of the start).
+
+    Shapes: `stamp_s` (N,) strictly increasing; `values` (N, 2) or (N, 3).
+    """
+
+    stamp_s: Floats
+    values: Floats
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """Detections of point landmarks in the sensor frame, in time order; equal stamps are one step.
+
+    Shapes: all (S,). `identity` indexes `Log.identity_names`; -1 where nobody says which landmark it is.
+    `class_index` indexes `Log.class_names` (-1: none); `signature` is a scalar such as a trunk's diameter in
+    metres (NaN: none).
+    """
+
+    stamp_s: Floats
+    range_m: Floats
+    bearing_rad: Floats
+    identity: Ints
+    class_index: Ints
+    signature: Floats
+
+
+@dataclass(frozen=True)
+class TruthTrajectory:
+    """True robot poses in the world frame. Shapes: `stamp_s` (T,), `T_world_robot` (T, 3) as x, y, heading.
+
+    `heading_known` is False where only positions are true (averaged or GPS data).
+    """
+
+    stamp_s: Floats
+    T_world_robot: Floats
+    heading_known: bool = True
+
+
+@dataclass(frozen=True)
+class TruthLandmarks:
+    """True landmark positions. Shapes: `names` (K), `position_m` (K, 2) in the world frame.
+
+    Names match `Log.identity_names` where the identities are known. `complete` is False when the world holds
+    landmarks that nobody surveyed, so that an unmatched estimate is no false landmark.
+    """
+
+    names: tuple[str, ...]
+    position_m: Floats
+    complete: bool = True
+
+
+@dataclass(frozen=True)
+class PositionFixes:
+    """GPS-like fixes, possibly with outliers, in a frame related to the world by a rigid transform.
+
+    Shapes: `stamp_s` (T,), `position_m` (T, 2).
+    """
+
+    stamp_s: Floats
+    position_m: Floats
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something found while reading: what, where, and how many rows were skipped or repaired for it."""
+
+    message: str
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class Log:
+    """Everything that was read from one log."""
+
+    name: str
+    source: str
+    """Path that it was read from."""
+    format: str
+    controls: Controls
+    sightings: Sightings
+    identity_names: tuple[str, ...] = ()
+    class_names: tuple[str, ...] = ()
+    truth_trajectory: TruthTrajectory | None = None
+    truth_landmarks: TruthLandmarks | None = None
+    position_fixes: PositionFixes | None = None
+    config: dict[str, Any] = field(default_factory=dict)
+    """The log's own settings (`motion`, `sensor`, `association`, ...): a partial configuration."""
+    problems: tuple[Problem, ...] = ()

@@ -1,0 +1,75 @@
+"""What a run of the filter gives back, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from .log import Bools, Floats, Ints
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Poses in the world frame. Shapes: `stamp_s` (T,), `T_world_robot` (T, 3) as x_m, y_m, heading_rad.
+
+    `covariance` (T, 3, 3), in the order x, y, heading, is that of the whole mixture (within plus between
+    particles); None for a single path.
+    """
+
+    stamp_s: Floats
+    T_world_robot: Floats
+    covariance: Floats | None = None
+
+
+@dataclass(frozen=True)
+class LandmarkMap:
+    """Estimated landmarks. Shapes: `ids` (K), `mean_m` (K, 2), `covariance_m2` (K, 2, 2), `sightings` (K,).
+
+    `ids` are identity names where those are known, else `L<birth number>`. The covariance is that of the
+    mixture over the particles that hold the landmark.
+    """
+
+    ids: tuple[str, ...]
+    mean_m: Floats
+    covariance_m2: Floats
+    sightings: Ints
+
+
+@dataclass(frozen=True)
+class Steps:
+    """One row per filter step (a stamp with sightings, or a filler in a long gap). Shapes: all (T,)."""
+
+    stamp_s: Floats
+    effective_sample_size: Floats
+    resampled: Bools
+    log_likelihood: Floats
+    """Increment of the log evidence."""
+    sightings: Ints
+    new_landmarks: Ints
+    ignored: Ints
+    """Sightings that were neither associated nor new."""
+    landmarks: Ints
+    """Landmarks in the map of the best particle (filler steps repeat the last value)."""
+    latency_us: Floats
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """The outcome of one run over a log."""
+
+    log_name: str
+    config: dict[str, Any]
+    """The effective configuration, seed included."""
+    version: str
+    trajectory: Trajectory
+    """Live estimates: what the filter knew at each stamp."""
+    smoothed: Trajectory
+    """Path of the best particle, from the path posterior at the end."""
+    landmarks: LandmarkMap
+    steps: Steps
+    filter_seconds: float
+    peak_memory_bytes: int
+    interrupted: bool = False
+    """True when the run was stopped early; everything above is then valid up to the last stamp."""
+    counts: dict[str, int] = field(default_factory=dict)
+    """Skips and repairs that were counted: name to number."""
