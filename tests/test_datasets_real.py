@@ -45,7 +45,8 @@ def assert_well_formed(log: Log) -> None:
     assert (np.diff(log.sightings.stamp_s) >= 0).all()
     assert np.isfinite(log.controls.values).all()
     assert (log.sightings.range_m > 0).all()
-    assert (np.abs(log.sightings.bearing_rad) <= np.pi).all()
+    half_view_rad = log.config["sensor"].get("field_of_view_rad", 2 * np.pi) / 2
+    assert (np.abs(log.sightings.bearing_rad) <= half_view_rad).all()
     assert log.sightings.identity.max() < max(len(log.identity_names), 1)
 
 

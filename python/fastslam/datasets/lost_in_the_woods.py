@@ -19,7 +19,8 @@ from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
 
 DEFAULT_MAX_RANGE_M = 5.6
-FIELD_OF_VIEW_RAD = 2 * 2.09
+FIELD_OF_VIEW_RAD = 4.2
+"""All bearings lie within +-2.096 rad."""
 _TRUTH = ("l", "x_true", "y_true", "th_true", "true_valid")
 _VARIANCES = ("r_var", "b_var", "v_var", "om_var")
 VARIABLES = frozenset(("t", "r", "b", "v", "om", "d", *_TRUTH, *_VARIANCES))
