@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 import os
@@ -213,11 +214,11 @@ def _run_facts(result: RunResult, log: Log) -> dict[str, Any]:
 
 
 def _tum(trajectory: Trajectory) -> str:
-    """Lines `stamp x y z qx qy qz qw`; stamps keep the microsecond at Unix time, poses the micrometre."""
+    """Lines `stamp x y z qx qy qz qw`; stamps come back to the bit, to meet those of the truth."""
     half = 0.5 * trajectory.T_world_robot[:, 2]
     columns = (trajectory.stamp_s, *trajectory.T_world_robot[:, :2].T, np.sin(half), np.cos(half))
     lines = (
-        f"{stamp:.6f} {x:.9g} {y:.9g} 0 0 0 {qz:.12g} {qw:.12g}\n"
+        f"{float(stamp)!r} {x:.9g} {y:.9g} 0 0 0 {qz:.12g} {qw:.12g}\n"
         for stamp, x, y, qz, qw in zip(*columns, strict=True)
     )
     return "# stamp_s x_m y_m z_m qx qy qz qw (T_world_robot)\n" + "".join(lines)
@@ -254,7 +255,7 @@ def _steps_csv(steps: Steps) -> str:
 
 def _step_cell(value: Any, name: str, kind: type) -> str:
     if name == "stamp_s":
-        return f"{value:.6f}"
+        return repr(float(value))
     return f"{value:.9g}" if kind is float else str(int(value))
 
 
@@ -262,7 +263,7 @@ def _covariance_csv(trajectory: Trajectory) -> str:
     assert trajectory.covariance is not None
     upper = trajectory.covariance[:, (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
     rows = (
-        (f"{stamp:.6f}", *(f"{value:.9g}" for value in row))
+        (repr(float(stamp)), *(f"{value:.9g}" for value in row))
         for stamp, row in zip(trajectory.stamp_s, upper, strict=True)
     )
     return _csv(COVARIANCE_COLUMNS, rows)
@@ -318,7 +319,7 @@ def _read_tum(path: Path) -> Trajectory:
 
 def _read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
     """Line numbers and cells of a CSV file with exactly this header."""
-    reader = csv.reader(_read_text(path).splitlines())
+    reader = csv.reader(io.StringIO(_read_text(path), newline=""))
     header = next(reader, [])
     if header != list(columns):
         raise DataError(f"expected the header {','.join(columns)}, got {','.join(header)}", path, 1)
