@@ -86,6 +86,8 @@ def test_landmarks_seen_seldom_count_only_where_identities_are_known() -> None:
     assert landmark_errors(named, TRUTH, matching=BY_NAME).matched == 8
     unnamed = make_map(born(8), LANDMARKS_M, sightings=4)
     assert landmark_errors(unnamed, TRUTH, matching=BY_PATH).matched == 0
+    mixed = make_map((*NAMES[:3], *born(5)), LANDMARKS_M, sightings=4)
+    assert landmark_errors(mixed, TRUTH, matching=BY_NAME).matched == 3
     once = LandmarkMatching(initial=BY_PATH.initial, min_sightings=4)
     assert landmark_errors(unnamed, TRUTH, matching=once).matched == 8
 

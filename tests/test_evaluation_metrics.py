@@ -72,7 +72,7 @@ def test_unknown_association_ignores_names_that_happen_to_agree() -> None:
     by_name = evaluate(run, make_log())
     assert isinstance(by_name["landmark_rmse_m"], float)
     assert by_name["landmark_rmse_m"] > 1.0
-    unknown = replace(run, config={**run.config, "association": {"identities": "unknown"}})
+    unknown = replace(run, config={**run.config, "association": {"mode": "unknown"}})
     assert evaluate(unknown, make_log())["landmark_rmse_m"] == pytest.approx(0.0, abs=1e-12)
     forced = evaluate(run, make_log(), options=EvaluationOptions(identities="unknown"))
     assert forced["landmark_rmse_m"] == pytest.approx(0.0, abs=1e-12)

@@ -17,7 +17,6 @@ from fastslam.evaluation import evaluate
 from fastslam.result import Trajectory
 from fastslam.resultfiles import (
     new_result_folder,
-    read_log_source,
     read_result,
     to_json,
     write_atomically,
@@ -53,7 +52,6 @@ def test_a_run_comes_back_as_it_was(tmp_path: Path) -> None:
         there, here = getattr(run.steps, field.name), getattr(found.steps, field.name)
         np.testing.assert_allclose(here, there, rtol=1e-8, err_msg=field.name)
         assert here.dtype == there.dtype, field.name
-    assert read_log_source(tmp_path / "new" / "folder") == ("nowhere", "native")
 
 
 def test_scoring_the_files_again_gives_the_same_metrics(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def write_result(
         LANDMARKS_FILE: _landmarks_csv(result.landmarks),
         METRICS_FILE: to_json(values),
         CONFIG_FILE: config_yaml(result),
-        RUN_FILE: to_json(_run_facts(result, log)),
+        RUN_FILE: to_json(_run_facts(result)),
         STEPS_FILE: _steps_csv(result.steps),
     }
     if result.trajectory.covariance is not None:
@@ -158,12 +158,6 @@ def read_result(folder: Path | str) -> RunResult:
     )
 
 
-def read_log_source(folder: Path | str) -> tuple[str, str]:
-    """Path and format of the log that a results folder came from. Errors: as `read_result`."""
-    facts = _read_run_facts(_resolve(folder) / RUN_FILE)
-    return facts["log_source"], facts["log_format"]
-
-
 def _resolve(folder: Path | str) -> Path:
     """The results folder, where `latest` may be a text file that names it."""
     path = Path(folder)
@@ -198,13 +192,11 @@ def config_yaml(result: RunResult) -> str:
     return header + yaml.safe_dump(_plain(result.config), sort_keys=False, allow_unicode=True)
 
 
-def _run_facts(result: RunResult, log: Log) -> dict[str, Any]:
+def _run_facts(result: RunResult) -> dict[str, Any]:
     """What no other file holds and reading the run back needs."""
     return {
         "version": result.version,
         "log": result.log_name,
-        "log_source": log.source,
-        "log_format": log.format,
         "seed": result.config.get("seed"),
         "filter_seconds": float(result.filter_seconds),
         "peak_memory_bytes": int(result.peak_memory_bytes),
@@ -293,8 +285,7 @@ def _read_run_facts(path: Path) -> dict[str, Any]:
         facts = json.loads(_read_text(path))
     except json.JSONDecodeError as error:
         raise DataError(f"not JSON: {error.msg}", path, error.lineno) from error
-    texts = ("version", "log", "log_source", "log_format")
-    kinds: dict[str, Any] = {**dict.fromkeys(texts, str), "filter_seconds": (int, float)}
+    kinds: dict[str, Any] = {"version": str, "log": str, "filter_seconds": (int, float)}
     kinds |= {"peak_memory_bytes": int, "interrupted": bool, "counts": dict}
     for name, kind in kinds.items():
         if not isinstance(facts, dict) or not isinstance(facts.get(name), kind):

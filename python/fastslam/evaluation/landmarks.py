@@ -27,7 +27,7 @@ class LandmarkMatching:
 
     `identities` are the ids that name a true landmark; every other estimate is matched by position.
     `initial` is `T_truth_estimate` from the paths where those are known; else it is searched for (seeded).
-    `min_sightings` leaves out estimates seen less often; None is 1 where all ids are identities, else 5.
+    `min_sightings` leaves out estimates seen less often; None is 1 for identities and 5 for the others.
     """
 
     identities: Collection[str] = ()
@@ -93,9 +93,8 @@ def landmark_errors(
     _check(estimate, truth)
     identities = set(how.identities)
     named = np.array([name in identities for name in estimate.ids], dtype=bool)
-    least = how.min_sightings
-    if least is None:
-        least = MIN_SIGHTINGS_KNOWN if named.all() else MIN_SIGHTINGS_UNKNOWN
+    usual = np.where(named, MIN_SIGHTINGS_KNOWN, MIN_SIGHTINGS_UNKNOWN)
+    least = usual if how.min_sightings is None else how.min_sightings
     kept = np.flatnonzero(estimate.sightings >= least)
     names = [estimate.ids[row] if named[row] else None for row in kept]
     points_m = estimate.mean_m[kept]
