@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -133,6 +134,28 @@ def test_the_antenna_may_sit_off_the_robots_origin() -> None:
     assert found is not None and ignored is not None
     assert found.median_m == pytest.approx(0.0, abs=1e-9)
     assert ignored.median_m > 0.1
+
+
+DATA = Path(os.environ.get("FASTSLAM_DATA", Path(__file__).parents[2] / "shared" / "data"))
+
+
+@pytest.mark.skipif(not (DATA / "victoria_park").exists(), reason="real logs are absent (FASTSLAM_DATA)")
+def test_the_two_editions_of_the_victoria_park_fixes_differ_by_their_known_turn() -> None:
+    edited = np.loadtxt(DATA / "victoria_park" / "ascii_2003" / "GPS.txt")
+    everything = np.loadtxt(DATA / "victoria_park" / "features_rfs_slam" / "gps.dat")
+    path = Trajectory(edited[:, 0], np.column_stack([edited[:, 2], edited[:, 1], np.zeros(len(edited))]))
+    fixes = PositionFixes(everything[:, 0], everything[:, 1:])
+    same = fix_errors(path, fixes, max_gap_s=0.3)
+    assert same is not None
+    assert len(same.error_m) >= len(edited)
+    assert np.degrees(same.transform.rotation_rad) == pytest.approx(-33.0, abs=0.01)
+    # The edited fixes are given to the centimetre.
+    assert same.median_m < 0.01
+    # Across the gaps that the editors cut out, straight lines meet the fixes that they distrusted.
+    across = fix_errors(path, fixes, max_gap_s=1000.0)
+    assert across is not None
+    assert across.inlier_fraction < 0.99
+    assert np.degrees(across.transform.rotation_rad) == pytest.approx(-33.0, abs=1.0)
 
 
 def test_map_is_aligned_by_the_path_where_the_ids_say_nothing() -> None:

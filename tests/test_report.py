@@ -127,12 +127,22 @@ def test_effective_sample_size_marks_each_resampling() -> None:
     assert "20 resamplings in 200 steps" in axis.get_title(loc="left") + axis.get_title()
 
 
+def test_many_steps_are_drawn_as_range_and_median() -> None:
+    run = make_run(steps=make_steps(np.arange(6000.0)))
+    axis = plot_effective_sample_size(new_axis(), run)
+    band = axis.collections[0].get_paths()[0].vertices
+    # Each stretch of 20 steps holds two whole cycles from 100 down to 55.
+    assert (band[:, 1].min(), band[:, 1].max()) == (55.0, 100.0)
+    median = next(line for line in axis.get_lines() if str(line.get_label()).endswith("median"))
+    assert set(median.get_ydata()) == {77.5}
+
+
 def test_latency_states_its_percentiles() -> None:
     axis = plot_latency(new_axis(), make_run())
     assert axis.get_yscale() == "log"
     histogram = plot_latency_histogram(new_axis(), make_run())
     assert legend_texts(histogram) == ["p50: 100 µs", "p99: 198 µs"]
-    assert sum(patch.get_height() for patch in histogram.patches) == 200
+    assert histogram.patches[0].get_data().values.sum() == 200
 
 
 @pytest.mark.parametrize("truth", [True, False])
