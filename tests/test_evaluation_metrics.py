@@ -200,5 +200,11 @@ def test_numbers_are_shown_with_sensible_digits_and_units() -> None:
     assert (row.mean, row.median, row.min, row.max) == ("4", "4", "3", "5")
 
 
+def test_all_values_of_a_row_share_one_unit() -> None:
+    row = summary_rows([{"peak_memory_bytes": 10_000_000}, {"peak_memory_bytes": 20_000_000}])[0]
+    # t(0.975, 1) = 12.7062; standard deviation of the mean 5 MB.
+    assert (row.mean, row.ci95, row.min, row.max, row.unit) == ("15", "63.53", "10", "20", "MB")
+
+
 def test_flatten_keeps_the_order() -> None:
     assert list(flatten({"b": 1, "a": {"y": 2, "x": None}})) == ["b", "a.y", "a.x"]
