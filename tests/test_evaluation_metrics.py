@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -136,13 +135,9 @@ def test_the_antenna_may_sit_off_the_robots_origin() -> None:
     assert ignored.median_m > 0.1
 
 
-DATA = Path(os.environ.get("FASTSLAM_DATA", Path(__file__).parents[2] / "shared" / "data"))
-
-
-@pytest.mark.skipif(not (DATA / "victoria_park").exists(), reason="real logs are absent (FASTSLAM_DATA)")
-def test_the_two_editions_of_the_victoria_park_fixes_differ_by_their_known_turn() -> None:
-    edited = np.loadtxt(DATA / "victoria_park" / "ascii_2003" / "GPS.txt")
-    everything = np.loadtxt(DATA / "victoria_park" / "features_rfs_slam" / "gps.dat")
+def test_the_two_editions_of_the_victoria_park_fixes_differ_by_their_known_turn(data_dir: Path) -> None:
+    edited = np.loadtxt(data_dir / "victoria_park" / "ascii_2003" / "GPS.txt")
+    everything = np.loadtxt(data_dir / "victoria_park" / "features_rfs_slam" / "gps.dat")
     path = Trajectory(edited[:, 0], np.column_stack([edited[:, 2], edited[:, 1], np.zeros(len(edited))]))
     fixes = PositionFixes(everything[:, 0], everything[:, 1:])
     same = fix_errors(path, fixes, max_gap_s=0.3)

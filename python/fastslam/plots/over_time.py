@@ -38,7 +38,7 @@ def plot_error_over_time(
     title = "Reported position uncertainty (this log has no truth)"
     if found.live is not None:
         _line(
-            axis, found.live.stamp_s - start_s, found.live.error_m, label="error, live path", color=style.LIVE
+            axis, found.live.stamp_s - start_s, found.live.error_m, label="error, live path", color=style.LIVE, linewidth=1.8
         )
         if found.smoothed is not None:
             smoothed = found.smoothed
@@ -48,6 +48,7 @@ def plot_error_over_time(
                 smoothed.error_m,
                 label="error, smoothed path",
                 color=style.SMOOTHED,
+                linewidth=0.8,
             )
         title = f"Position error after alignment, RMSE {found.live.aligned_m.rmse:.3g} m"
     elif found.fixes is not None:
