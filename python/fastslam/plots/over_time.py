@@ -38,7 +38,12 @@ def plot_error_over_time(
     title = "Reported position uncertainty (this log has no truth)"
     if found.live is not None:
         _line(
-            axis, found.live.stamp_s - start_s, found.live.error_m, label="error, live path", color=style.LIVE, linewidth=1.8
+            axis,
+            found.live.stamp_s - start_s,
+            found.live.error_m,
+            label="error, live path",
+            color=style.LIVE,
+            linewidth=1.8,
         )
         if found.smoothed is not None:
             smoothed = found.smoothed
