@@ -16,6 +16,7 @@ import yaml
 
 from . import _core
 from ._schema import KeyInfo, discriminators, flatten, suggestion
+from ._yaml import YamlError, parse_yaml
 from .errors import ConfigError
 
 Layer = Mapping[str, Any]
@@ -70,7 +71,11 @@ def load_config(path: Path | str) -> dict[str, Any]:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from None
-    layer, line_of_key = _parse_yaml(text, str(path))
+    layer, line_of_key = _parse(text, str(path))
+    if layer is None:
+        return {}
+    if not isinstance(layer, dict):
+        raise ConfigError(f"{path}:1: expected `section:` and indented `key: value` lines")
     for key in _leaf_keys(layer):
         _refuse_unknown(key, f"{path}:{line_of_key.get(key, 1)}: ")
     return layer
@@ -90,8 +95,7 @@ def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
         if not equals or not key:
             raise ConfigError(f"{assignment}: expected key=value, for example filter.particles=100")
         _refuse_unknown(key)
-        value, _ = _parse_yaml_value(text, key)
-        nested: Any = value
+        nested, _ = _parse(text, key)
         for part in reversed(key.split(".")):
             nested = {part: nested}
         layer = merge(layer, nested)
@@ -181,10 +185,8 @@ def _descriptions() -> dict[str, str]:
 
 
 def _overlay(below: Layer, above: Layer, path: tuple[str, ...]) -> dict[str, Any]:
-    discriminator = _discriminators().get(path)
-    other_kind = (
-        discriminator in above and discriminator in below and above[discriminator] != below[discriminator]
-    )
+    kind_key = _discriminators().get(path, "")
+    other_kind = kind_key in above and kind_key in below and above[kind_key] != below[kind_key]
     merged = {} if other_kind else dict(below)
     for key, value in above.items():
         earlier = merged.get(key)
@@ -236,58 +238,15 @@ def _refuse_unwritable(value: Any, key: str = "") -> None:
         raise ConfigError(f"{key}: expected a number, text or list, got a {type(value).__name__} ({value})")
 
 
-# --- YAML -----------------------------------------------------------------------------------------
+# --- YAML ---------------------------------------------------------------------------------------
 
 
-class _Loader(yaml.SafeLoader):
-    """Safe YAML that rejects duplicate keys, remembers where each key stands and reads `1e-3` as a number."""
-
-    def __init__(self, text: str) -> None:
-        super().__init__(text)
-        self.line_of_key: dict[str, int] = {}
-
-    def construct_document(self, node: yaml.Node) -> Any:
-        self._visit(node, "")
-        return super().construct_document(node)
-
-    def _visit(self, node: yaml.Node, prefix: str) -> None:
-        if not isinstance(node, yaml.MappingNode):
-            return
-        for key_node, value_node in node.value:
-            dotted = f"{prefix}{key_node.value}"
-            if dotted in self.line_of_key:
-                first = self.line_of_key[dotted]
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"{dotted}: duplicate key, first given in line {first}", key_node.start_mark
-                )
-            self.line_of_key[dotted] = key_node.start_mark.line + 1
-            self._visit(value_node, dotted + ".")
-
-
-# YAML 1.1 wants a point in a number with an exponent; people do not.
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?[0-9]+[eE][-+]?[0-9]+$"), list("-+0123456789")
-)
-
-
-def _parse_yaml_value(text: str, where: str) -> tuple[Any, dict[str, int]]:
+def _parse(text: str, where: str) -> tuple[Any, dict[str, int]]:
     try:
-        loader = _Loader(text)
-        return loader.get_single_data(), loader.line_of_key
-    except yaml.MarkedYAMLError as error:
-        line = "" if error.problem_mark is None else f":{error.problem_mark.line + 1}"
-        raise ConfigError(f"{where}{line}: {error.problem or 'not valid YAML'}") from None
-    except (yaml.YAMLError, ValueError) as error:
-        raise ConfigError(f"{where}: not valid YAML ({' '.join(str(error).split())})") from None
-
-
-def _parse_yaml(text: str, where: str) -> tuple[dict[str, Any], dict[str, int]]:
-    value, line_of_key = _parse_yaml_value(text, where)
-    if value is None:
-        return {}, {}
-    if not isinstance(value, dict):
-        raise ConfigError(f"{where}:1: expected `section:` and indented `key: value` lines")
-    return value, line_of_key
+        return parse_yaml(text)
+    except YamlError as error:
+        line = "" if error.line is None else f":{error.line}"
+        raise ConfigError(f"{where}{line}: {error.message}") from None
 
 
 def _commented(section: Layer, path: tuple[str, ...], descriptions: Mapping[str, str]) -> Iterator[str]:
