@@ -1,0 +1,91 @@
+//! Errors of the core, with the data that says what happened.
+
+use std::fmt;
+
+/// What can go wrong in the filter.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Error {
+    /// A parameter is out of range: dotted key, what was got, what is expected.
+    Parameter {
+        /// Dotted key of the configuration.
+        key: String,
+        /// What was given.
+        got: String,
+        /// What would be right.
+        expected: String,
+    },
+    /// An input array is malformed.
+    Input(String),
+    /// All particles have zero weight.
+    AllWeightsZero {
+        /// Number of the step, from 0.
+        step: u64,
+    },
+    /// A number that must be finite is not.
+    NotFinite {
+        /// Number of the step, from 0.
+        step: u64,
+        /// What it was.
+        what: &'static str,
+    },
+}
+
+impl Error {
+    /// A parameter error.
+    pub fn parameter(key: impl Into<String>, got: impl fmt::Display, expected: impl Into<String>) -> Self {
+        Self::Parameter { key: key.into(), got: got.to_string(), expected: expected.into() }
+    }
+
+    /// The same error with `prefix.` in front of the key of a parameter.
+    pub fn within(self, prefix: &str) -> Self {
+        match self {
+            Self::Parameter { key, got, expected } => Self::Parameter { key: format!("{prefix}.{key}"), got, expected },
+            other => other,
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Parameter { key, got, expected } => write!(f, "{key}: got {got}, expected {expected}"),
+            Self::Input(message) => f.write_str(message),
+            Self::AllWeightsZero { step } => {
+                write!(f, "step {step}: every particle has zero weight; the noise settings contradict the log")
+            }
+            Self::NotFinite { step, what } => write!(f, "step {step}: {what} is not finite"),
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
+/// Result of the core.
+pub type Result<T> = std::result::Result<T, Error>;
+
+/// `value` if it is finite and positive, else an error that names `key`.
+pub(crate) fn positive(key: &str, value: f64) -> Result<f64> {
+    if value.is_finite() && value > 0.0 {
+        Ok(value)
+    } else {
+        Err(Error::parameter(key, value, "a finite number above 0"))
+    }
+}
+
+/// `value` if it is finite and not negative, else an error that names `key`.
+pub(crate) fn non_negative(key: &str, value: f64) -> Result<f64> {
+    if value.is_finite() && value >= 0.0 {
+        Ok(value)
+    } else {
+        Err(Error::parameter(key, value, "a finite number, at least 0"))
+    }
+}
+
+/// `value` if it is finite, else an error that names `key`.
+pub(crate) fn finite(key: &str, value: f64) -> Result<f64> {
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Error::parameter(key, value, "a finite number"))
+    }
+}

@@ -1,0 +1,13 @@
+//! FastSLAM: landmark SLAM by Rao-Blackwellized particle filtering.
+//!
+//! Each particle carries a robot path and, given the path, one small Gaussian per landmark. This crate holds all the
+//! mathematics and nothing else: no files, no clock, no global state, no randomness that is not a function of the seed.
+
+pub mod error;
+pub mod geometry;
+pub mod math;
+pub mod measurement;
+pub mod motion;
+pub mod random;
+pub mod real;
+pub mod testing;

@@ -1,0 +1,146 @@
+//! Measurement models: what a sensor should see of a landmark, and how uncertain that is.
+//!
+//! A new model is one file with [`MeasurementModel`] implemented;
+//! [`crate::testing::check_measurement_model`] puts it through its conformance suite.
+
+mod range_bearing;
+
+pub use range_bearing::RangeBearing;
+
+use crate::error::{finite, positive, Result};
+use crate::geometry::{Pose, Symmetric2};
+use crate::real::{Dual, Real};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Expected measurement with its derivatives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linearization<R = f64> {
+    /// Expected measurement.
+    pub expected: [R; 2],
+    /// G_θ: derivative by the landmark's position, in row order.
+    pub by_landmark: [[R; 2]; 2],
+    /// G_s: derivative by the sensor's pose (x, y, heading), in row order.
+    pub by_pose: [[R; 3]; 2],
+}
+
+/// How a sensor sees a point landmark in the plane: two numbers per sighting.
+pub trait MeasurementModel {
+    /// g: the measurement that the sensor at `T_world_sensor` should make of a landmark.
+    fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2];
+
+    /// Measured minus expected, angles wrapped.
+    fn innovation<R: Real>(&self, measured: [R; 2], expected: [R; 2]) -> [R; 2];
+
+    /// g⁻¹: where the landmark is.
+    fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2];
+
+    /// R: covariance of the measurement.
+    fn noise_covariance(&self) -> Symmetric2;
+
+    /// g with its Jacobians. By automatic differentiation unless the model has a closed form, which the conformance
+    /// suite checks against it.
+    fn linearize(&self, T_world_sensor: Pose, landmark_in_world: [f64; 2]) -> Linearization {
+        let pose: [Dual<5>; 3] = {
+            let values = T_world_sensor.to_array();
+            std::array::from_fn(|i| Dual::variable(values[i], i))
+        };
+        let landmark: [Dual<5>; 2] = std::array::from_fn(|i| Dual::variable(landmark_in_world[i], 3 + i));
+        let z = self.expected(Pose::new(pose[0], pose[1], pose[2]), landmark);
+        Linearization {
+            expected: z.map(|v| v.value),
+            by_landmark: z.map(|v| [v.gradient[3], v.gradient[4]]),
+            by_pose: z.map(|v| [v.gradient[0], v.gradient[1], v.gradient[2]]),
+        }
+    }
+}
+
+/// Where the sensor sits on the robot: `T_robot_sensor`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Mounting {
+    /// Ahead of the robot's origin.
+    pub x_m: f64,
+    /// Left of the robot's origin.
+    pub y_m: f64,
+    /// Counter-clockwise from straight ahead.
+    pub yaw_rad: f64,
+}
+
+impl Mounting {
+    /// As a transform.
+    pub fn T_robot_sensor(&self) -> Pose {
+        Pose::new(self.x_m, self.y_m, self.yaw_rad)
+    }
+
+    /// Errors that name the first parameter that is not finite.
+    pub fn validate(&self) -> Result<()> {
+        finite("mounting.x_m", self.x_m)?;
+        finite("mounting.y_m", self.y_m)?;
+        finite("mounting.yaw_rad", self.yaw_rad)?;
+        Ok(())
+    }
+}
+
+/// The sensor of a run: its model, where it sits and what it can see.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Sensor {
+    /// Which measurement model: so far `range_bearing`.
+    pub model: SensorModel,
+    /// Standard deviation of the range.
+    pub range_std_m: f64,
+    /// Standard deviation of the bearing.
+    pub bearing_std_rad: f64,
+    /// Sightings nearer than this are skipped and counted: the bearing of a landmark at the sensor says nothing.
+    pub min_range_m: f64,
+    /// Sightings farther than this are skipped and counted.
+    pub max_range_m: f64,
+    /// Full opening angle, centred straight ahead of the sensor.
+    pub field_of_view_rad: f64,
+    /// Pose of the sensor on the robot.
+    pub mounting: Mounting,
+}
+
+/// Names of the measurement models.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SensorModel {
+    /// Distance and direction of a landmark.
+    #[default]
+    RangeBearing,
+}
+
+impl Default for Sensor {
+    fn default() -> Self {
+        Self {
+            model: SensorModel::RangeBearing,
+            range_std_m: 0.1,
+            bearing_std_rad: 0.02,
+            min_range_m: 0.05,
+            max_range_m: 100.0,
+            field_of_view_rad: std::f64::consts::TAU,
+            mounting: Mounting::default(),
+        }
+    }
+}
+
+impl Sensor {
+    /// Errors that name the first parameter out of range.
+    pub fn validate(&self) -> Result<()> {
+        let check = || {
+            positive("range_std_m", self.range_std_m)?;
+            positive("bearing_std_rad", self.bearing_std_rad)?;
+            positive("min_range_m", self.min_range_m)?;
+            positive("max_range_m", self.max_range_m)?;
+            positive("field_of_view_rad", self.field_of_view_rad)?;
+            self.mounting.validate()
+        };
+        check().map_err(|e| e.within("sensor"))
+    }
+
+    /// The range-bearing model with this sensor's noise.
+    pub fn range_bearing(&self) -> RangeBearing {
+        RangeBearing { range_std_m: self.range_std_m, bearing_std_rad: self.bearing_std_rad }
+    }
+}

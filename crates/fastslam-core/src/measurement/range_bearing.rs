@@ -1,0 +1,56 @@
+//! Distance and direction of a landmark.
+
+use super::{Linearization, MeasurementModel};
+use crate::geometry::{Pose, Symmetric2};
+use crate::real::Real;
+
+/// Range and bearing.
+///
+/// **Measurement:** (range in m, bearing in rad, counter-clockwise from the sensor's heading).
+/// **Source:** `montemerlo2002fastslam`, section 4; g = [r, wrap(atan2(dy, dx) − heading)].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeBearing {
+    /// Standard deviation of the range.
+    pub range_std_m: f64,
+    /// Standard deviation of the bearing.
+    pub bearing_std_rad: f64,
+}
+
+impl MeasurementModel for RangeBearing {
+    #[inline(always)]
+    fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2] {
+        let dx = landmark_in_world[0] - T_world_sensor.x;
+        let dy = landmark_in_world[1] - T_world_sensor.y;
+        [(dx * dx + dy * dy).sqrt(), (R::atan2(dy, dx) - T_world_sensor.heading).wrap_angle()]
+    }
+
+    #[inline(always)]
+    fn innovation<R: Real>(&self, measured: [R; 2], expected: [R; 2]) -> [R; 2] {
+        [measured[0] - expected[0], (measured[1] - expected[1]).wrap_angle()]
+    }
+
+    #[inline(always)]
+    fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2] {
+        let (s, c) = (T_world_sensor.heading + measured[1]).sin_cos();
+        [T_world_sensor.x + measured[0] * c, T_world_sensor.y + measured[0] * s]
+    }
+
+    fn noise_covariance(&self) -> Symmetric2 {
+        Symmetric2::new(self.range_std_m * self.range_std_m, 0.0, self.bearing_std_rad * self.bearing_std_rad)
+    }
+
+    #[inline(always)]
+    fn linearize(&self, T_world_sensor: Pose, landmark_in_world: [f64; 2]) -> Linearization {
+        let dx = landmark_in_world[0] - T_world_sensor.x;
+        let dy = landmark_in_world[1] - T_world_sensor.y;
+        let q = dx * dx + dy * dy;
+        let r = q.sqrt();
+        let (ux, uy) = (dx / r, dy / r);
+        let (vx, vy) = (-dy / q, dx / q);
+        Linearization {
+            expected: [r, (<f64 as Real>::atan2(dy, dx) - T_world_sensor.heading).wrap_angle()],
+            by_landmark: [[ux, uy], [vx, vy]],
+            by_pose: [[-ux, -uy, 0.0], [-vx, -vy, -1.0]],
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! Conformance suites that every model must pass; users run theirs through them too.
+//!
+//! Each returns the number of cases that it saw, so that a test can assert that there were any.
+
+use crate::geometry::Pose;
+use crate::measurement::MeasurementModel;
+use crate::motion::{ControlTiming, MotionModel};
+use crate::random::{Purpose, RandomSource};
+use crate::real::{Dual, Real};
+
+/// A failed conformance check: what was compared, and where.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Nonconformance(pub String);
+
+fn expect(ok: bool, message: impl FnOnce() -> String) -> Result<(), Nonconformance> {
+    if ok {
+        Ok(())
+    } else {
+        Err(Nonconformance(message()))
+    }
+}
+
+/// A uniform number in [low, high] for case `case`.
+fn draw(case: u32, number: u32, low: f64, high: f64) -> f64 {
+    low + (high - low) * RandomSource::new(20).stream(Purpose::Simulation, 0).uniform(case, number)
+}
+
+/// Checks a measurement model on generic geometries and on headings near ±π.
+///
+/// - both Jacobians against differences taken through the innovation;
+/// - the inverse, then the expected measurement, gives the measurement back;
+/// - the innovation of a measurement with itself is zero;
+/// - the noise covariance is positive definite; everything is finite.
+pub fn check_measurement_model<M: MeasurementModel>(model: &M) -> Result<usize, Nonconformance> {
+    let cases = 500;
+    expect(model.noise_covariance().is_positive_definite(), || "noise covariance is not positive definite".into())?;
+    for case in 0..cases {
+        let near_pi = case % 5 == 0;
+        let heading =
+            if near_pi { std::f64::consts::PI - draw(case, 3, -1e-6, 1e-6) } else { draw(case, 3, -3.1, 3.1) };
+        let pose = Pose::new(draw(case, 1, -30.0, 30.0), draw(case, 2, -30.0, 30.0), heading);
+        let (distance, direction) = (draw(case, 4, 0.5, 60.0), draw(case, 5, -3.1, 3.1));
+        let landmark = [pose.x + distance * direction.cos(), pose.y + distance * direction.sin()];
+        check_linearization(model, pose, landmark)?;
+        let z = model.expected(pose, landmark);
+        let back = model.inverse(pose, z);
+        expect((back[0] - landmark[0]).hypot(back[1] - landmark[1]) < 1e-9 * distance.max(1.0), || {
+            format!("inverse at {pose:?}: {back:?} is not {landmark:?}")
+        })?;
+        let zero = model.innovation(z, z);
+        expect(zero == [0.0, 0.0], || format!("innovation of {z:?} with itself is {zero:?}"))?;
+    }
+    Ok(cases as usize)
+}
+
+fn check_linearization<M: MeasurementModel>(model: &M, pose: Pose, landmark: [f64; 2]) -> Result<(), Nonconformance> {
+    let linear = model.linearize(pose, landmark);
+    let h = 1e-6;
+    let variables = [pose.x, pose.y, pose.heading, landmark[0], landmark[1]];
+    for (index, _) in variables.iter().enumerate() {
+        let moved = |by: f64| {
+            let mut v = variables;
+            v[index] += by;
+            model.expected(Pose::new(v[0], v[1], v[2]), [v[3], v[4]])
+        };
+        let difference = model.innovation(moved(h), moved(-h)).map(|d| d / (2.0 * h));
+        for row in 0..2 {
+            let derivative = if index < 3 { linear.by_pose[row][index] } else { linear.by_landmark[row][index - 3] };
+            expect((derivative - difference[row]).abs() < 1e-6 * (1.0 + difference[row].abs()), || {
+                format!("derivative of component {row} by variable {index} at {pose:?}, {landmark:?}: {derivative} against {}", difference[row])
+            })?;
+        }
+    }
+    let agreement = model.innovation(linear.expected, model.expected(pose, landmark));
+    expect(agreement.iter().all(|v| v.abs() < 1e-12), || format!("linearize and expected differ by {agreement:?}"))
+}
+
+/// Checks a motion model on generic controls, at rest and at tiny turns.
+///
+/// - its Jacobian by automatic differentiation agrees with differences;
+/// - a held control split in two moves as far as the whole; an increment's mean motion is the displacement itself;
+/// - the conditioned noise is finite and not negative.
+pub fn check_motion_model<M: MotionModel>(model: &M) -> Result<usize, Nonconformance> {
+    model.validate().map_err(|e| Nonconformance(e.to_string()))?;
+    let cases = 300;
+    for case in 0..cases {
+        let scale = [1.0, 1e-8, 0.0][case as usize % 3];
+        let control = [draw(case, 1, -2.0, 3.0), draw(case, 2, -0.7, 0.7) * scale, draw(case, 3, -1.0, 1.0) * scale];
+        let dt_s = draw(case, 4, 0.01, 0.5);
+        let conditioned = model.condition(control, dt_s);
+        expect(conditioned.std.iter().all(|s| s.is_finite() && *s >= 0.0), || {
+            format!("noise of {control:?} is {:?}", conditioned.std)
+        })?;
+        check_motion_jacobian(model, conditioned.mean, dt_s)?;
+        let whole = model.relative_motion(conditioned.mean, dt_s);
+        let other = match model.timing() {
+            ControlTiming::Held => {
+                let part = model.relative_motion(conditioned.mean, 0.5 * dt_s);
+                part.compose(part)
+            }
+            ControlTiming::Increment => Pose::new(control[0], control[1], control[2]),
+        };
+        let gap =
+            (whole.x - other.x).abs() + (whole.y - other.y).abs() + (whole.heading - other.heading).wrap_angle().abs();
+        expect(gap < 1e-9, || format!("control {control:?}: {whole:?} against {other:?}"))?;
+    }
+    Ok(cases as usize)
+}
+
+fn check_motion_jacobian<M: MotionModel>(model: &M, control: [f64; 3], dt_s: f64) -> Result<(), Nonconformance> {
+    let dual: Pose<Dual<3>> = model.relative_motion(std::array::from_fn(|i| Dual::variable(control[i], i)), dt_s);
+    let h = 1e-6;
+    for index in 0..3 {
+        let moved = |by: f64| {
+            let mut c = control;
+            c[index] += by;
+            model.relative_motion(c, dt_s).to_array()
+        };
+        let (plus, minus) = (moved(h), moved(-h));
+        for (row, component) in [dual.x, dual.y, dual.heading].into_iter().enumerate() {
+            let difference = (plus[row] - minus[row]) / (2.0 * h);
+            expect((component.gradient[index] - difference).abs() < 1e-6 * (1.0 + difference.abs()), || {
+                format!(
+                    "derivative of component {row} by control {index} at {control:?}: {} against {difference}",
+                    component.gradient[index]
+                )
+            })?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measurement::RangeBearing;
+    use crate::motion::{Ackermann, Increments, Odometry, Velocity};
+
+    #[test]
+    fn every_measurement_model_conforms() {
+        assert_eq!(check_measurement_model(&RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 }), Ok(500));
+    }
+
+    #[test]
+    fn every_motion_model_conforms() {
+        assert_eq!(check_motion_model(&Velocity::default()), Ok(300));
+        assert_eq!(check_motion_model(&Ackermann::default()), Ok(300));
+        assert_eq!(check_motion_model(&Odometry::default()), Ok(300));
+        assert_eq!(check_motion_model(&Increments::default()), Ok(300));
+    }
+
+    struct WrongSign;
+    impl MeasurementModel for WrongSign {
+        fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2] {
+            RangeBearing { range_std_m: 1.0, bearing_std_rad: 1.0 }.expected(T_world_sensor, landmark_in_world)
+        }
+        fn innovation<R: Real>(&self, measured: [R; 2], expected: [R; 2]) -> [R; 2] {
+            // The classic slip: the bearing is not wrapped.
+            [measured[0] - expected[0], measured[1] - expected[1]]
+        }
+        fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2] {
+            let (s, c) = (T_world_sensor.heading - measured[1]).sin_cos();
+            [T_world_sensor.x + measured[0] * c, T_world_sensor.y + measured[0] * s]
+        }
+        fn noise_covariance(&self) -> crate::geometry::Symmetric2 {
+            crate::geometry::Symmetric2::new(1.0, 0.0, 1.0)
+        }
+    }
+
+    #[test]
+    fn the_suite_rejects_a_wrong_model() {
+        assert!(check_measurement_model(&WrongSign).is_err());
+    }
+}
