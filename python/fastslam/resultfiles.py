@@ -69,7 +69,7 @@ def write_result(
         LANDMARKS_FILE: _landmarks_csv(result.landmarks),
         METRICS_FILE: to_json(values),
         CONFIG_FILE: config_yaml(result),
-        RUN_FILE: to_json(_run_facts(result)),
+        RUN_FILE: to_json(_run_facts(result, log)),
         STEPS_FILE: _steps_csv(result.steps),
     }
     if result.trajectory.covariance is not None:
@@ -138,11 +138,7 @@ def read_result(folder: Path | str) -> RunResult:
 
     Errors: `DataError` with file and line for anything missing or malformed.
     """
-    source = Path(folder)
-    if source.is_file() and source.name == "latest":
-        source = source.parent / source.read_text().strip()
-    if not source.is_dir():
-        raise DataError("no such results folder", source)
+    source = _resolve(folder)
     facts = _read_run_facts(source / RUN_FILE)
     trajectory = _read_tum(source / TRAJECTORY_FILE)
     covariance = _read_covariance(source / COVARIANCE_FILE, len(trajectory.stamp_s))
@@ -159,6 +155,22 @@ def read_result(folder: Path | str) -> RunResult:
         interrupted=facts["interrupted"],
         counts=facts["counts"],
     )
+
+
+def read_log_source(folder: Path | str) -> tuple[str, str]:
+    """Path and format of the log that a results folder came from. Errors: as `read_result`."""
+    facts = _read_run_facts(_resolve(folder) / RUN_FILE)
+    return facts["log_source"], facts["log_format"]
+
+
+def _resolve(folder: Path | str) -> Path:
+    """The results folder, where `latest` may be a text file that names it."""
+    path = Path(folder)
+    if path.is_file() and path.name == "latest":
+        path = path.parent / _read_text(path).strip()
+    if not path.is_dir():
+        raise DataError("no such results folder", path)
+    return path
 
 
 def to_json(value: Any) -> str:
@@ -180,16 +192,18 @@ def _plain(value: Any) -> Any:
 
 
 def config_yaml(result: RunResult) -> str:
-    """The effective configuration, seed included, as it can be given to a run again; the version in a comment."""
+    """The effective configuration, seed included, fit to be given to a run again."""
     header = f"# fastslam {result.version}, effective configuration of a run over {result.log_name}\n"
     return header + yaml.safe_dump(_plain(result.config), sort_keys=False, allow_unicode=True)
 
 
-def _run_facts(result: RunResult) -> dict[str, Any]:
+def _run_facts(result: RunResult, log: Log) -> dict[str, Any]:
     """What no other file holds and reading the run back needs."""
     return {
         "version": result.version,
         "log": result.log_name,
+        "log_source": log.source,
+        "log_format": log.format,
         "seed": result.config.get("seed"),
         "filter_seconds": float(result.filter_seconds),
         "peak_memory_bytes": int(result.peak_memory_bytes),
@@ -278,13 +292,9 @@ def _read_run_facts(path: Path) -> dict[str, Any]:
         facts = json.loads(_read_text(path))
     except json.JSONDecodeError as error:
         raise DataError(f"not JSON: {error.msg}", path, error.lineno) from error
-    kinds: dict[str, Any] = {
-        "version": str,
-        "log": str,
-        "filter_seconds": (int, float),
-        "peak_memory_bytes": int,
-    }
-    kinds |= {"interrupted": bool, "counts": dict}
+    texts = ("version", "log", "log_source", "log_format")
+    kinds: dict[str, Any] = {**dict.fromkeys(texts, str), "filter_seconds": (int, float)}
+    kinds |= {"peak_memory_bytes": int, "interrupted": bool, "counts": dict}
     for name, kind in kinds.items():
         if not isinstance(facts, dict) or not isinstance(facts.get(name), kind):
             raise DataError(f"`{name}` is missing or of the wrong type", path)
