@@ -25,9 +25,9 @@ def write_outputs(
 ) -> Metrics:
     """Writes result files and, with `report`, figures and `report.html`; returns the metrics.
 
-    `other_runs` are the metrics of further runs over the same log (other seeds): then `runs.json` holds those of
-    every run and their summary, and the report shows it. The numbers are written before the pictures, so that
-    nothing computed is lost should drawing fail. Errors: `DataError` where the folder cannot be written.
+    `other_runs` are the metrics of further runs over the same log (other seeds): then `runs.json` holds those
+    of every run and their summary, and the report shows it. The numbers are written before the pictures, so
+    that nothing is lost should drawing fail. Errors: `DataError` where the folder cannot be written.
     """
     target = Path(folder)
     evaluation = evaluate_run(result, log, options=options)

@@ -8,11 +8,12 @@ from typing import Annotated, Any
 
 import typer
 
-from ..config import Config, KeyInfo, explain, load_config, parse_assignments
+from .._schema import KeyInfo
+from ..config import Config, explain, load_config, parse_assignments
 from .console import make_table, stdout
 from .options import ConfigFile, Format, Robot, Settings
 
-app = typer.Typer(help="Print, check and explain configurations.", no_args_is_help=True)
+app = typer.Typer(help="Print, check and explain configurations.")
 
 
 @app.command()
@@ -26,8 +27,9 @@ def dump(
     """Print the effective configuration as YAML, every key under its description.
 
     \b
-    fastslam config dump > settings.yaml
-    fastslam config dump --log LOG --set filter.particles=500
+    Examples:
+      fastslam config dump > settings.yaml
+      fastslam config dump --log LOG --set filter.particles=500
     """
     layers: list[Any] = []
     if log is not None:
@@ -56,8 +58,9 @@ def explain_keys(
     """Show type, default and meaning of every key, or of one key or section.
 
     \b
-    fastslam config explain
-    fastslam config explain filter.resampling
+    Examples:
+      fastslam config explain
+      fastslam config explain filter.resampling
     """
     rows = [(info.name, info.type, json.dumps(info.default), _meaning(info)) for info in explain(key)]
     stdout().print(make_table("", ("key", "type", "default", "meaning"), rows))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TextIO
 
@@ -73,24 +73,3 @@ def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     return table
-
-
-def number_text(value: float | int | None) -> str:
-    """Four significant digits, or all of a whole number; `-` for a value that is not determined."""
-    if value is None:
-        return "-"
-    if isinstance(value, int) or (float(value).is_integer() and abs(value) < 1e15):
-        return f"{int(value):,}"
-    return f"{value:,.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
-
-
-def for_display(value: float | int | None, unit: str) -> tuple[float | int | None, str]:
-    """Bytes become megabytes; everything else stays as it is in the files."""
-    if unit == "B":
-        return (None if value is None else value / 1e6), "MB"
-    return value, unit
-
-
-def unit_of(name: str, units: Mapping[str, str]) -> str:
-    """Unit of a metric; the members of a nested one (`step_latency_us.p99`) share that of the whole."""
-    return units.get(name.partition(".")[0], "")

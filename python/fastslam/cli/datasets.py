@@ -11,7 +11,7 @@ from ..datasets.download import catalogue, download
 from ..datasets.registry import FORMATS
 from .console import make_table, stdout
 
-app = typer.Typer(help="List and fetch public logs.", no_args_is_help=True)
+app = typer.Typer(help="List and fetch public logs.")
 
 
 @app.command("list")
@@ -35,7 +35,8 @@ def download_dataset(
     """Fetch a public log, check it against its checksums and say where it lies.
 
     \b
-    fastslam datasets download lost_in_the_woods
-    fastslam run data/lost_in_the_woods
+    Examples:
+      fastslam datasets download lost_in_the_woods
+      fastslam run data/lost_in_the_woods
     """
     typer.echo(download(name, out, base_url=base_url))

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import typer
+from rich.markup import escape
 from typer.core import TyperGroup
 
 from ..errors import ConfigError, FastSlamError
@@ -36,7 +37,7 @@ class OneLineErrors(TyperGroup):
 
 @contextmanager
 def one_line_errors() -> Iterator[None]:
-    """Turns expected exceptions into `error: ...` and the exit code 1 (run failed) or 2 (usage, configuration)."""
+    """Turns expected exceptions into `error: ...` on stderr and an exit code."""
     try:
         yield
     except FastSlamError as error:
@@ -51,11 +52,5 @@ def one_line_errors() -> Iterator[None]:
 
 def _reported(message: str, code: int) -> typer.Exit:
     line = " ".join(message.split())
-    stderr().print(f"[bold red]error:[/] {_escaped(line)}", soft_wrap=True, highlight=False)
+    stderr().print(f"[bold red]error:[/] {escape(line)}", soft_wrap=True, highlight=False)
     return typer.Exit(code)
-
-
-def _escaped(text: str) -> str:
-    from rich.markup import escape
-
-    return escape(text)

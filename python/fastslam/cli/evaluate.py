@@ -29,13 +29,12 @@ def evaluate_results(
     """Score one results folder, or several together with the 95 % confidence interval of each metric.
 
     \b
-    fastslam eval results/latest
-    fastslam eval results/latest --truth LOG
-    fastslam eval results/seed*
+    Examples:
+      fastslam eval results/latest
+      fastslam eval results/latest --truth LOG
+      fastslam eval results/seed*
     """
-    metrics = [
-        evaluate(read_result(folder), _log_of(folder, truth, format, robot)) for folder in results
-    ]
+    metrics = [evaluate(read_result(folder), _log_of(folder, truth, format, robot)) for folder in results]
     if json:
         typer.echo(to_json(metrics[0] if len(metrics) == 1 else metrics), nl=False)
     elif len(metrics) == 1:

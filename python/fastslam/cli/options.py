@@ -9,7 +9,8 @@ import typer
 
 LogPath: TypeAlias = Annotated[Path, typer.Argument(help="Log: a folder or a file.", metavar="PATH")]
 Format: TypeAlias = Annotated[
-    str | None, typer.Option(help="Format of the log; guessed from its contents when left out.", metavar="FORMAT")
+    str | None,
+    typer.Option(help="Format of the log; guessed from its contents when left out.", metavar="FORMAT"),
 ]
 Robot: TypeAlias = Annotated[int | None, typer.Option(help="Robot number in a log of several.", metavar="N")]
 ConfigFile: TypeAlias = Annotated[

@@ -10,9 +10,10 @@ from pathlib import Path
 from rich.table import Table
 
 from ..errors import DataError
-from ..evaluation import METRIC_UNITS, Metrics, flatten, summarize
+from ..evaluation import Metrics
+from ..evaluation.display import metric_rows, summary_rows
 from ..resultfiles import to_json, write_atomically
-from .console import for_display, make_table, number_text, unit_of
+from .console import make_table
 
 _LOG_FILE = "log.json"
 
@@ -46,20 +47,15 @@ def read_log_reference(folder: Path) -> LogReference:
 
 def metrics_table(title: str, metrics: Metrics) -> Table:
     """One row per metric, with its unit."""
-    rows = []
-    for name, value in flatten(metrics).items():
-        shown, unit = for_display(value, unit_of(name, METRIC_UNITS))
-        rows.append((name, number_text(shown), unit))
+    rows = [(row.name, row.value, row.unit) for row in metric_rows(metrics)]
     return make_table(title, ("metric", ">value", "unit"), rows)
 
 
 def summary_table(title: str, runs: Sequence[Metrics]) -> Table:
     """One row per metric: mean over the runs with the half width of its 95 % confidence interval."""
-    rows = []
-    for name, summary in summarize(runs).items():
-        unit = unit_of(name, METRIC_UNITS)
-        values = (summary.mean, summary.ci95, summary.median, summary.min, summary.max)
-        cells = [number_text(for_display(value, unit)[0]) for value in values]
-        rows.append((name, *cells, for_display(None, unit)[1], str(summary.runs)))
+    rows = [
+        (row.name, row.mean, row.ci95, row.median, row.min, row.max, row.unit, str(row.runs))
+        for row in summary_rows(runs)
+    ]
     headings = ("metric", ">mean", ">± 95 %", ">median", ">min", ">max", "unit", ">runs")
     return make_table(title, headings, rows)

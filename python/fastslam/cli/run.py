@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from ..config import Config, load_config, merge, parse_assignments
+from ..config import Config, load_config, parse_assignments
 from ..datasets.registry import load
 from ..errors import DataError
 from ..evaluation import Metrics, evaluate
@@ -44,11 +44,15 @@ def run_log(
     robot: Robot = None,
     config: ConfigFile = None,
     settings: Settings = None,
-    association: Annotated[str | None, typer.Option(metavar="known|unknown", help="Trust identities?")] = None,
+    association: Annotated[
+        str | None, typer.Option(metavar="known|unknown", help="Trust identities?")
+    ] = None,
     algorithm: Annotated[str | None, typer.Option(metavar="NAME", help="The filter: `algorithm`.")] = None,
     particles: Annotated[int | None, typer.Option(metavar="M", help="Number of particles.")] = None,
     store: Annotated[str | None, typer.Option(metavar="NAME", help="Kept maps: `filter.store`.")] = None,
-    threads: Annotated[int | None, typer.Option(metavar="N", help="Threads; results do not depend on it.")] = None,
+    threads: Annotated[
+        int | None, typer.Option(metavar="N", help="Threads; results do not depend on it.")
+    ] = None,
     seed: Seed = None,
     runs: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with seeds S, S+1, ...")] = 1,
     out: Out = None,
@@ -56,21 +60,25 @@ def run_log(
 ) -> None:
     """Run the filter over a log and write map, path, numbers, pictures and a report.
 
-    Settings come from: defaults < the log's own < --config < --set and the flags. Ctrl-C stops the run; what was
-    computed until then is written, and the exit code is 130.
+    Settings come from: defaults < the log's own < --config < --set < the flags below.
+
+    Ctrl-C stops the run: what was computed until then is written, and the exit code is 130.
 
     \b
-    fastslam run LOG
-    fastslam run MRCLAM_Dataset1 --robot 2 --particles 200
-    fastslam run LOG --association unknown --set sensor.range_std_m=0.2
-    fastslam run LOG --runs 10 --seed 1 --out results/ten-seeds
+    Examples:
+      fastslam run LOG
+      fastslam run MRCLAM_Dataset1 --robot 2 --particles 200
+      fastslam run LOG --association unknown --set sensor.range_std_m=0.2
+      fastslam run LOG --runs 10 --seed 1 --out results/ten-seeds
     """
     flags = {"association": association, "algorithm": algorithm, "particles": particles}
     flags |= {"store": store, "threads": threads, "seed": seed}
     layers = [
         load_config(config) if config is not None else {},
         parse_assignments(settings or []),
-        parse_assignments(f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None),
+        parse_assignments(
+            f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None
+        ),
     ]
     log = load(path, format=format, robot=robot)
     configuration = Config.resolve(log.config, *layers)
@@ -90,14 +98,28 @@ def prepare_folder(out: Path | None) -> Path:
     return out
 
 
-def run_and_report(log: Log, config: Config, folder: Path, *, runs: int, report: bool) -> None:
+def run_and_report(log: Log, config: Config, folder: Path, *, runs: int = 1, report: bool = True) -> None:
     """Runs with `runs` seeds from the configured one on, writes all files, prints the table."""
     seeds = range(config["seed"], config["seed"] + runs)
     first: RunResult | None = None
     others: list[Metrics] = []
     interrupted = False
-    results = run_many(log, config, seeds=seeds, progress=...)
-    raise SystemExit
+    with progress_bar(log.name) as advance:
+        for result in run_many(log, config, seeds=seeds, progress=advance):
+            interrupted = result.interrupted
+            if first is None:
+                first = result
+                # Kept safe at once when further runs, which may fail, are to come.
+                metrics = write_outputs(result, log, folder, report=False)
+            elif not interrupted:
+                others.append(evaluate(result, log))
+    if first is None:
+        return
+    if report or others:
+        metrics = write_outputs(first, log, folder, report=report, other_runs=others)
+    console = stdout()
+    console.print(summary_table(log.name, [metrics, *others]) if others else metrics_table(log.name, metrics))
+    _announce(folder, report=report, interrupted=interrupted)
 
 
 def _announce(folder: Path, *, report: bool, interrupted: bool) -> None:
