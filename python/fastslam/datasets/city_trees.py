@@ -18,7 +18,7 @@ from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings, TruthLandmarks, TruthTrajectory
 from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
-from .planar import chain_increments, to_world
+from .planar import chain_increments, to_world, wrap_to_pi
 from .text import find_file, is_number, read_text
 
 FILE = "cityTrees10000.txt"
@@ -93,8 +93,10 @@ def _read_graph(file: Path) -> Graph:
             raise DataError(f"{kind}: got '{wrong}', expected a number", file, number) from None
         if kind == "EDGE2" and (numbers[0], numbers[1]) != (len(edges), len(edges) + 1):
             raise DataError(f"EDGE2: got poses {values[0]} {values[1]}, expected consecutive", file, number)
-        if kind == "LANDMARK" and not 0 <= numbers[0] <= len(edges):
+        if kind == "LANDMARK" and not (0 <= numbers[0] <= len(edges) and numbers[0].is_integer()):
             raise DataError(f"LANDMARK: pose {values[0]} is not known yet", file, number)
+        if kind == "LANDMARK" and not numbers[1].is_integer():
+            raise DataError(f"LANDMARK: got landmark '{values[1]}', expected a whole number", file, number)
         (edges if kind == "EDGE2" else landmarks).append(numbers)
     if not edges or not landmarks:
         raise DataError(f"holds {len(edges)} EDGE2 and {len(landmarks)} LANDMARK rows, needs both", file)
@@ -125,6 +127,7 @@ def _truth(graph: Graph) -> tuple[TruthTrajectory, TruthLandmarks]:
     trees, identity = np.unique(graph.tree, return_inverse=True)
     count = np.bincount(identity)
     mean = np.column_stack([np.bincount(identity, weights=points[:, axis]) / count for axis in (0, 1)])
+    poses[:, 2] = wrap_to_pi(poses[:, 2])
     trajectory = TruthTrajectory(np.arange(len(poses), dtype=np.float64), poses)
     return trajectory, TruthLandmarks(tuple(str(tree) for tree in trees), mean)
 

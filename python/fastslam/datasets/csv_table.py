@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import DataError
 from ..log import Floats, Ints, Problem
-from .text import column_count_fault, is_number, read_text
+from .text import CUT_OFF_HINT, is_number, read_text
 
 UNITS = ("s", "m", "rad", "m_per_s", "rad_per_s")
 """Endings of column names; the longest that fits is the unit."""
@@ -37,11 +37,14 @@ class CsvTable:
         if empty is not None:
             texts = [text if text.strip() else repr(empty) for text in texts]
         try:
-            return np.array([float(text) for text in texts], dtype=np.float64)
+            values = np.array([float(text) for text in texts], dtype=np.float64)
         except ValueError:
+            values = None
+        if values is None or any("_" in text for text in texts):
             row = next(index for index, text in enumerate(texts) if not is_number(text))
             message = f"{name}: got '{texts[row]}', expected a number"
-            raise DataError(message, self.path, self.lines[row]) from None
+            raise DataError(message, self.path, self.lines[row])
+        return values
 
     def labels(self, name: str) -> tuple[Ints, tuple[str, ...]]:
         """A column of names as indices into the names in order of first appearance; -1 for an empty field."""
@@ -59,7 +62,7 @@ def read_csv(path: Path) -> CsvTable:
     Errors: DataError for an empty file, a repeated column name, a row of another width or no rows at all.
     """
     text = read_text(path)
-    reader = csv.reader(io.StringIO(text, newline=""))
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     header: list[str] | None = None
     rows: list[list[str]] = []
     lines: list[int] = []
@@ -72,8 +75,9 @@ def read_csv(path: Path) -> CsvTable:
                 continue
             if len(row) != len(header):
                 cut_off = not text.endswith(("\n", "\r")) and reader.line_num >= text.count("\n") + 1
-                raise column_count_fault(
-                    path, reader.line_num, got=len(row), expected=len(header), ends_file=cut_off
+                hint = CUT_OFF_HINT if cut_off else ""
+                raise DataError(
+                    f"got {len(row)} columns, expected {len(header)}{hint}", path, reader.line_num
                 )
             rows.append(row)
             lines.append(reader.line_num)

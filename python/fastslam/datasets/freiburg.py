@@ -16,7 +16,7 @@ from ..errors import DataError
 from ..log import Floats, Log, Sightings, TruthLandmarks
 from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
-from .text import find_file, is_number, read_table, read_text
+from .text import find_file, is_number, read_table, read_text, whole_numbers
 
 FILE = "sensor_data.dat"
 WORLD = "world.dat"
@@ -107,7 +107,7 @@ def _world(folder: Path) -> TruthLandmarks | None:
     if file is None:
         return None
     rows = read_table(file, 3)
-    return TruthLandmarks(tuple(str(int(number)) for number in rows[:, 0]), rows[:, 1:])
+    return TruthLandmarks(tuple(str(number) for number in whole_numbers(file, rows[:, 0])), rows[:, 1:])
 
 
 def _config() -> dict[str, Any]:

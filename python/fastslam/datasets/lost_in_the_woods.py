@@ -7,6 +7,7 @@ only where `true_valid` is 1. The noise is the authors' own.
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ def load(path: Path, options: LoadOptions) -> Log:
     max_range_m = DEFAULT_MAX_RANGE_M if options.max_range_m is None else options.max_range_m
     if not max_range_m > 0:
         raise DataError(f"max_range_m: got {max_range_m}, expected a positive number", path)
-    data = scipy.io.loadmat(candidates[0])
+    data = _read_mat(candidates[0])
     sightings, too_far = _sightings(data, max_range_m)
     controls, control_problems = _controls(data, candidates[0])
     cleaned, sighting_problems = clean_sightings(sightings, path=candidates[0])
@@ -67,8 +68,27 @@ def _candidates(path: Path) -> list[Path]:
 def _variables(file: Path) -> frozenset[str]:
     try:
         return frozenset(name for name, _, _ in scipy.io.whosmat(file))
-    except (ValueError, OSError, NotImplementedError, TypeError):
+    except (ValueError, OSError, EOFError, NotImplementedError, TypeError, zlib.error):
         return frozenset()
+
+
+def _read_mat(path: Path) -> dict[str, Any]:
+    try:
+        data: dict[str, Any] = scipy.io.loadmat(path)
+    except (ValueError, TypeError, OSError, EOFError, zlib.error) as error:
+        raise DataError(f"the MATLAB file is damaged or cut off ({error})", path) from error
+    rows, tubes = data["r"].shape
+    shapes = {name: (rows, 1) for name in ("t", "v", "om", *_TRUTH[1:])} | {
+        "b": (rows, tubes),
+        "l": (tubes, 2),
+    }
+    shapes |= {name: (1, 1) for name in ("d", *_VARIANCES)}
+    for name, shape in shapes.items():
+        if data[name].shape != shape:
+            raise DataError(f"variable {name}: got shape {data[name].shape}, expected {shape}", path)
+    if not np.any(data["true_valid"] == 1):
+        raise DataError("no row of true_valid is 1", path)
+    return data
 
 
 def _controls(data: dict[str, Any], path: Path) -> tuple[Controls, tuple[Problem, ...]]:
@@ -83,8 +103,8 @@ def _stamps(data: dict[str, Any]) -> Floats:
 
 def _sightings(data: dict[str, Any], max_range_m: float) -> tuple[Sightings, int]:
     range_m = data["r"].astype(np.float64)
-    seen = range_m > 0
-    near = seen & (range_m <= max_range_m)
+    seen = range_m != 0
+    near = seen & ~(range_m > max_range_m)
     row, tube = np.nonzero(near)
     sightings = Sightings(
         stamp_s=_stamps(data)[row],

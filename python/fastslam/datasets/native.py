@@ -25,8 +25,9 @@ from .clean import clean_controls, clean_sightings
 from .csv_table import CsvTable, check_columns, read_csv
 from .options import LoadOptions
 from .planar import increments_between
-from .text import read_table, read_text
+from .text import line_of_row, read_table, read_text
 
+FILES = ("log.yaml", "odometry.csv", "sightings.csv")
 FORMAT_VERSION = 1
 CONFIG_KEYS = ("motion", "sensor", "association", "initial_pose")
 KEYS = ("format_version", "name", *CONFIG_KEYS, "truth_landmarks_complete")
@@ -44,12 +45,13 @@ SIGHTING_OPTIONS = ("landmark_id", "class", "signature")
 
 def matches(path: Path) -> bool:
     """A folder with any of the files of a native log, so that a missing one is reported by its name."""
-    return any((path / name).is_file() for name in ("log.yaml", "odometry.csv", "sightings.csv"))
+    return any((_folder(path) / name).is_file() for name in FILES)
 
 
 def load(path: Path, options: LoadOptions) -> Log:
     """Read a native log. Errors: DataError with file and line for what a person must repair."""
-    for name in ("log.yaml", "odometry.csv", "sightings.csv"):
+    path = _folder(path)
+    for name in FILES:
         if not (path / name).is_file():
             raise DataError(f"the file {name} of a native log is missing", path)
     settings = _read_settings(path / "log.yaml")
@@ -70,8 +72,13 @@ def load(path: Path, options: LoadOptions) -> Log:
         ),
         position_fixes=_read_fixes(path / "position_fixes.csv"),
         config={key: settings[key] for key in CONFIG_KEYS if key in settings},
-        problems=control_problems + problems + truth_problems,
+        problems=control_problems + problems + _clock_problems(controls, sightings) + truth_problems,
     )
+
+
+def _folder(path: Path) -> Path:
+    """The log's folder, also where the path is that of its log.yaml."""
+    return path.parent if path.name == "log.yaml" and path.is_file() else path
 
 
 class _Yaml12Loader(yaml.SafeLoader):
@@ -174,6 +181,16 @@ def _read_sightings(
     return sightings, identity_names, class_names, table.problems + problems
 
 
+def _clock_problems(controls: Controls, sightings: Sightings) -> tuple[Problem, ...]:
+    """Says so where no sighting lies within the time of the odometry: usually two clocks or two units."""
+    first_s, last_s = controls.stamp_s[0], controls.stamp_s[-1]
+    if sightings.stamp_s[-1] >= first_s and sightings.stamp_s[0] <= last_s:
+        return ()
+    span = f"{sightings.stamp_s[0]:.3f} to {sightings.stamp_s[-1]:.3f} s"
+    message = f"sightings ({span}) lie outside the odometry ({first_s:.3f} to {last_s:.3f} s): another clock?"
+    return (Problem(message, len(sightings.stamp_s)),)
+
+
 def _read_trajectory(path: Path) -> tuple[TruthTrajectory | None, tuple[Problem, ...]]:
     """Rows of `stamp x y z qx qy qz qw`; a quaternion of four zeros says that no heading is known."""
     if not path.is_file():
@@ -182,9 +199,12 @@ def _read_trajectory(path: Path) -> tuple[TruthTrajectory | None, tuple[Problem,
     finite = np.isfinite(rows).all(axis=1)
     problems = (Problem("true poses with NaN or infinite values: dropped", int(np.sum(~finite))),)
     rows = rows[finite]
-    if np.any(np.diff(rows[:, 0]) <= 0):
-        line = int(np.argmax(np.diff(rows[:, 0]) <= 0)) + 2
-        raise DataError(f"stamps do not increase at pose {line}", path)
+    if len(rows) == 0:
+        raise DataError("holds no pose without NaN or infinite values", path)
+    late = np.diff(rows[:, 0]) <= 0
+    if late.any():
+        row = int(np.flatnonzero(finite)[np.argmax(late) + 1])
+        raise DataError("the stamp is not later than the one before", path, line_of_row(path, row))
     qx, qy, qz, qw = rows[:, 4:].T
     unknown = np.all(rows[:, 4:] == 0, axis=1)
     if unknown.any() and not unknown.all():
@@ -216,12 +236,17 @@ def _read_fixes(path: Path) -> PositionFixes | None:
         return None
     table = read_csv(path)
     check_columns(table, required=("stamp_s", "x_m", "y_m"))
-    return PositionFixes(table.numbers("stamp_s"), _finite_positions(table))
+    return PositionFixes(_finite(table, "stamp_s"), _finite_positions(table))
 
 
 def _finite_positions(table: CsvTable) -> Floats:
-    positions = np.column_stack([table.numbers("x_m"), table.numbers("y_m")])
-    bad = ~np.isfinite(positions).all(axis=1)
+    return np.column_stack([_finite(table, "x_m"), _finite(table, "y_m")])
+
+
+def _finite(table: CsvTable, name: str) -> Floats:
+    values = table.numbers(name)
+    bad = ~np.isfinite(values)
     if bad.any():
-        raise DataError("position is NaN or infinite", table.path, table.lines[int(np.argmax(bad))])
-    return positions
+        row = int(np.argmax(bad))
+        raise DataError(f"{name}: got {values[row]}, expected a finite number", table.path, table.lines[row])
+    return values

@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DataError
-from ..log import Floats
+from ..log import Floats, Ints
+
+CUT_OFF_HINT = " (the last line has no line end: the file seems cut off)"
 
 
 def find_file(folder: Path, name: str) -> Path | None:
@@ -69,10 +71,25 @@ def read_table(path: Path, columns: int, *, delimiter: str | None = None, header
     return table
 
 
-def column_count_fault(path: Path, line: int, *, got: int, expected: int, ends_file: bool) -> DataError:
-    """The error for a row that has another number of columns; says so where the file seems cut off there."""
-    hint = " (the last line has no line end: the file seems cut off)" if ends_file else ""
-    return DataError(f"got {got} columns, expected {expected}{hint}", path, line)
+def line_of_row(path: Path, row: int, *, header_lines: int = 0) -> int:
+    """Line of the file, from 1, that holds row `row` (from 0) of the table that `read_table` gives."""
+    lines = read_text(path).splitlines()
+    filled = [
+        number
+        for number, line in enumerate(lines[header_lines:], start=header_lines + 1)
+        if line.split("#", 1)[0].strip()
+    ]
+    return filled[row]
+
+
+def whole_numbers(path: Path, column: Floats) -> Ints:
+    """A column of `read_table` as integers. Errors: DataError with the line of the first that is none."""
+    whole = np.isfinite(column) & (column == np.round(column))
+    if not whole.all():
+        row = int(np.argmin(whole))
+        message = f"got '{column[row]:g}', expected a whole number"
+        raise DataError(message, path, line_of_row(path, row))
+    return column.astype(np.int64)
 
 
 def _first_fault(path: Path, text: str, columns: int, delimiter: str | None, header_lines: int) -> DataError:
@@ -83,8 +100,8 @@ def _first_fault(path: Path, text: str, columns: int, delimiter: str | None, hea
             continue
         fields = content.split(delimiter)
         if len(fields) != columns:
-            ends_file = number == len(lines) and not text.endswith("\n")
-            return column_count_fault(path, number, got=len(fields), expected=columns, ends_file=ends_file)
+            hint = CUT_OFF_HINT if number == len(lines) and not text.endswith("\n") else ""
+            return DataError(f"got {len(fields)} columns, expected {columns}{hint}", path, number)
         for column_number, value in enumerate(fields, start=1):
             if not is_number(value):
                 return DataError(f"column {column_number}: got '{value}', expected a number", path, number)
@@ -92,9 +109,9 @@ def _first_fault(path: Path, text: str, columns: int, delimiter: str | None, hea
 
 
 def is_number(value: str) -> bool:
-    """Whether a field reads as a floating-point number (NaN and infinity included)."""
+    """Whether a field reads as a floating-point number (NaN and infinity included, Python's `1_000` not)."""
     try:
         float(value)
     except ValueError:
         return False
-    return True
+    return "_" not in value

@@ -24,7 +24,7 @@ from ..log import Floats, Ints, Log, Problem, Sightings, TruthLandmarks, TruthTr
 from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
 from .planar import wrap_to_pi
-from .text import find_file, read_table, require_file
+from .text import find_file, read_table, require_file, whole_numbers
 
 ROBOTS = range(1, 6)
 AVERAGES = "third_party_groundtruth_1hz"
@@ -43,16 +43,18 @@ def load(path: Path, options: LoadOptions) -> Log:
     if robot not in _robots(path):
         there = ", ".join(str(number) for number in _robots(path)) or "none"
         raise DataError(f"has no robot {robot}; robots there: {there}", path)
-    landmarks = read_table(require_file(path, "Landmark_Groundtruth.dat"), 5)
+    landmark_file = require_file(path, "Landmark_Groundtruth.dat")
+    landmarks = read_table(landmark_file, 5)
+    subjects = whole_numbers(landmark_file, landmarks[:, 0]).tolist()
     odometry_file = require_file(path, f"Robot{robot}_Odometry.dat")
     measurement_file = require_file(path, f"Robot{robot}_Measurement.dat")
     odometry = read_table(odometry_file, 3)
     controls, control_problems = clean_controls(odometry[:, 0], odometry[:, 1:], path=odometry_file)
     subject_of_barcode, table_problems = _barcodes(path)
-    raw, drop_problems = _sightings(read_table(measurement_file, 4), subject_of_barcode, landmarks[:, 0])
+    raw, drop_problems = _sightings(read_table(measurement_file, 4), subject_of_barcode, subjects)
     sightings, sighting_problems = clean_sightings(raw, path=measurement_file)
     truth = _truth_trajectory(path, robot)
-    names = tuple(str(int(subject)) for subject in landmarks[:, 0])
+    names = tuple(str(subject) for subject in subjects)
     return Log(
         name=f"{path.resolve().name}_robot{robot}",
         source=str(path),
@@ -71,24 +73,27 @@ def _robots(path: Path) -> tuple[int, ...]:
     return tuple(number for number in ROBOTS if find_file(path, f"Robot{number}_Odometry.dat") is not None)
 
 
-def _barcodes(path: Path) -> tuple[dict[int, int], tuple[Problem, ...]]:
-    table = read_table(require_file(path, "Barcodes.dat"), 2).astype(np.int64)
-    barcode_of_subject = {int(subject): int(barcode) for subject, barcode in table}
+def _barcodes(path: Path) -> tuple[dict[float, int], tuple[Problem, ...]]:
+    file = require_file(path, "Barcodes.dat")
+    subjects, barcodes = (whole_numbers(file, column) for column in read_table(file, 2).T)
+    barcode_of_subject = dict(zip(subjects.tolist(), barcodes.tolist(), strict=True))
     is_first_set = re.search(r"dataset_?1$", path.resolve().name, re.IGNORECASE) is not None
     problems: tuple[Problem, ...] = ()
     if is_first_set and (barcode_of_subject.get(11), barcode_of_subject.get(17)) == (18, 61):
         barcode_of_subject[11], barcode_of_subject[17] = 61, 18
         message = "barcodes of subjects 11 and 17, swapped in the table of data set 1: put right"
         problems = (Problem(message, 2),)
-    return {barcode: subject for subject, barcode in barcode_of_subject.items()}, problems
+    return {float(barcode): subject for subject, barcode in barcode_of_subject.items()}, problems
 
 
 def _sightings(
-    rows: Floats, subject_of_barcode: dict[int, int], landmark_subjects: Floats
+    rows: Floats, subject_of_barcode: dict[float, int], landmark_subjects: list[int]
 ) -> tuple[Sightings, tuple[Problem, ...]]:
-    identity_of_subject = {int(subject): index for index, subject in enumerate(landmark_subjects)}
-    subject = np.array([subject_of_barcode.get(int(barcode), -1) for barcode in rows[:, 1]], dtype=np.int64)
-    identity: Ints = np.array([identity_of_subject.get(int(n), -1) for n in subject], dtype=np.int64)
+    identity_of_subject = {subject: index for index, subject in enumerate(landmark_subjects)}
+    subject = np.array(
+        [subject_of_barcode.get(barcode, -1) for barcode in rows[:, 1].tolist()], dtype=np.int64
+    )
+    identity: Ints = np.array([identity_of_subject.get(n, -1) for n in subject.tolist()], dtype=np.int64)
     kept = identity >= 0
     unknown, others = int(np.sum(subject == -1)), int(np.sum((subject != -1) & ~kept))
     sightings = Sightings(
