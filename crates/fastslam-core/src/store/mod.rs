@@ -1,0 +1,129 @@
+//! Populations of maps: for every particle and landmark a few numbers, surviving resampling.
+//!
+//! All stores keep one contract, [`LandmarkStore`], and give the same bits; they differ in what resampling and
+//! touching a landmark cost. The unit of access is a landmark (a *slot*) with one row per particle, in particle order,
+//! as columns, so that one vectorised pass can update a landmark in all maps.
+
+mod dense;
+mod tree;
+
+pub use dense::DenseStore;
+pub use tree::TreeStore;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Which store holds the maps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum StoreKind {
+    /// Every particle owns a full array: O(M K) per resampling. The reference.
+    Dense,
+    /// A persistent balanced binary tree per particle, as in the paper: O(M log K) per update, O(M) per resampling.
+    #[default]
+    Tree,
+}
+
+impl StoreKind {
+    /// An empty store for `particles` maps with `columns` numbers per landmark.
+    pub fn create(self, particles: usize, columns: usize) -> Box<dyn LandmarkStore> {
+        match self {
+            Self::Dense => Box::new(DenseStore::new(particles, columns)),
+            Self::Tree => Box::new(TreeStore::new(particles, columns)),
+        }
+    }
+}
+
+/// The rows of one landmark in particle order: column c of particle i is `values[c * rows + i]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rows<'a> {
+    values: &'a [f64],
+    rows: usize,
+}
+
+impl<'a> Rows<'a> {
+    /// A view of columns laid out one after the other, each `rows` long.
+    pub fn new(values: &'a [f64], rows: usize) -> Self {
+        Self { values, rows }
+    }
+
+    /// Column `index`, one number per particle.
+    pub fn column(&self, index: usize) -> &'a [f64] {
+        &self.values[index * self.rows..(index + 1) * self.rows]
+    }
+}
+
+/// [`Rows`] that may be changed.
+#[derive(Debug)]
+pub struct RowsMut<'a> {
+    values: &'a mut [f64],
+    rows: usize,
+}
+
+impl<'a> RowsMut<'a> {
+    /// A view of columns laid out one after the other, each `rows` long.
+    pub fn new(values: &'a mut [f64], rows: usize) -> Self {
+        Self { values, rows }
+    }
+
+    /// The first `N` columns, to be written side by side. There must be that many.
+    pub fn columns<const N: usize>(self) -> [&'a mut [f64]; N] {
+        let mut rest = self.values;
+        std::array::from_fn(|_| {
+            let (column, tail) = std::mem::take(&mut rest).split_at_mut(self.rows);
+            rest = tail;
+            column
+        })
+    }
+
+    /// Column `index`.
+    pub fn column(&mut self, index: usize) -> &mut [f64] {
+        &mut self.values[index * self.rows..(index + 1) * self.rows]
+    }
+}
+
+/// What a store occupies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct StoreUsage {
+    /// Rows held: one per landmark and distinct copy of it.
+    pub rows: usize,
+    /// Bytes of rows and of what is needed to find them.
+    pub bytes: usize,
+}
+
+/// A population of maps.
+///
+/// A row with zero in column 0 is *absent*: that particle's map lacks the landmark, and its other numbers are zero
+/// when it is read. Slots are small numbers chosen by the caller, who may use one again after removing it.
+pub trait LandmarkStore: Send {
+    /// Number of maps.
+    fn particle_count(&self) -> usize;
+
+    /// Adds a landmark to an empty slot, with the rows of all particles as columns one after the other.
+    fn insert(&mut self, slot: u32, values: &[f64]);
+
+    /// Empties a slot in all maps.
+    fn remove(&mut self, slot: u32);
+
+    /// The rows of a landmark. All are absent when the slot is empty.
+    fn read(&mut self, slot: u32) -> Rows<'_>;
+
+    /// The numbers of one particle's landmark; false when it is absent.
+    fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool;
+
+    /// Changes a landmark through `change`, which sees the rows of all particles and may alter those that `changed`
+    /// marks (all when there is no mask).
+    fn update(&mut self, slot: u32, changed: Option<&[bool]>, change: &mut dyn FnMut(RowsMut<'_>));
+
+    /// Map i becomes a copy of the former map `ancestor_indices[i]`; their number may change.
+    fn resample(&mut self, ancestor_indices: &[u32]);
+
+    /// What the population occupies.
+    fn usage(&self) -> StoreUsage;
+
+    /// An independent copy of the whole population.
+    fn snapshot(&self) -> Box<dyn LandmarkStore>;
+}
+
+#[cfg(test)]
+mod tests;
