@@ -1,264 +1,49 @@
-"""Configurations: layered, checked against the one schema (which lives in the Rust core), and explained."""
+"""The configuration of a run: defaults < the log's own settings < file < command line."""
 
 from __future__ import annotations
 
-import json
-import math
-import re
-import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from . import _core
-from ._schema import KeyInfo, discriminators, flatten, suggestion
-from ._yaml import YamlError, parse_yaml
-from .errors import ConfigError
+from .settings import KeyInfo, Layer, Schema, Settings
 
-Layer = Mapping[str, Any]
-"""A partial configuration: nested mappings as they stand in a file."""
+_SCHEMA = Schema(_core.config_schema, _core.resolve_config, explained_by="fastslam config explain")
 
 
-@dataclass(frozen=True, eq=False)
-class Config(Mapping[str, Any]):
+class Config(Settings):
     """An effective configuration: every key is present and every value has been checked."""
-
-    _sections: dict[str, Any]
 
     @classmethod
     def resolve(cls, *layers: Layer) -> Config:
-        """Lays `layers` over the defaults, later ones winning, and checks the outcome.
+        """Lays partial configurations over the defaults, later ones winning, and checks the outcome.
 
         Errors: `ConfigError`, its message starting with the dotted key.
         """
-        for layer in layers:
-            _refuse_unwritable(layer)
-            for key in _leaf_keys(layer):
-                _refuse_unknown(key)
-        return cls(_resolve_in_core(merge(_defaults(), *layers)))
-
-    def __getitem__(self, key: str) -> Any:
-        return self._sections[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._sections)
-
-    def __len__(self) -> int:
-        return len(self._sections)
-
-    def to_json(self) -> str:
-        """Returns the form that the core reads."""
-        return json.dumps(self._sections)
-
-    def dump(self) -> str:
-        """Returns YAML with every key, each under its description; `load_config` reads it back."""
-        return "\n".join(_commented(self._sections, (), _descriptions())) + "\n"
+        return cls(dict(_SCHEMA.resolve(*layers)), _SCHEMA)
 
 
 def load_config(path: Path | str) -> dict[str, Any]:
-    """Reads a partial configuration from a YAML file.
-
-    Errors: `ConfigError` with file and line for a syntax error, a duplicate or an unknown key; with the file
-    for a missing or unreadable one.
-    """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from None
-    layer, line_of_key = _parse(text, str(path))
-    if layer is None:
-        return {}
-    if not isinstance(layer, dict):
-        raise ConfigError(f"{path}:1: expected `section:` and indented `key: value` lines")
-    for key in _leaf_keys(layer):
-        _refuse_unknown(key, f"{path}:{line_of_key.get(key, 1)}: ")
-    return layer
+    """Reads a partial configuration from a YAML file; see `Schema.load`."""
+    return _SCHEMA.load(path)
 
 
 def parse_assignments(assignments: Iterable[str]) -> dict[str, Any]:
-    """Turns `["filter.particles=100", ...]` into a layer.
-
-    Values are YAML: `1e-3`, `true`, `[0, 0, 1.5]`.
-
-    Errors: `ConfigError` for text that is no assignment, an unknown key, or a value that is no YAML.
-    """
-    layer: dict[str, Any] = {}
-    for assignment in assignments:
-        key, equals, text = assignment.partition("=")
-        key = key.strip()
-        if not equals or not key:
-            raise ConfigError(f"{assignment}: expected key=value, for example filter.particles=100")
-        _refuse_unknown(key)
-        nested, _ = _parse(text, key)
-        for part in reversed(key.split(".")):
-            nested = {part: nested}
-        layer = merge(layer, nested)
-    return layer
+    """Turns `["filter.particles=100", ...]` into a partial configuration; see `Schema.parse_assignments`."""
+    return _SCHEMA.parse_assignments(assignments)
 
 
 def merge(*layers: Layer) -> dict[str, Any]:
-    """Lays partial configurations over each other: later values win, mappings merge key by key.
-
-    A section whose kind changes (`motion.model`, say) is replaced whole, for the parameters of one model mean
-    nothing to another.
-    """
-    merged: dict[str, Any] = {}
-    for layer in layers:
-        merged = _overlay(merged, layer, ())
-    return merged
+    """Lays partial configurations over each other, later ones winning; see `Schema.merge`."""
+    return _SCHEMA.merge(*layers)
 
 
 def explain(key: str | None = None) -> tuple[KeyInfo, ...]:
-    """Returns what the schema says about all keys, or about `key` and the keys below it.
-
-    Errors: `ConfigError` when there is no such key, with the nearest one.
-    """
-    keys = _keys()
-    if key is None:
-        return keys
-    chosen = tuple(info for info in keys if info.name == key or info.name.startswith(key + "."))
-    if not chosen:
-        _refuse_unknown(key)
-    return chosen
+    """Returns what is known about all keys, or about `key` and the keys below it; see `Schema.explain`."""
+    return _SCHEMA.explain(key)
 
 
 def schema() -> dict[str, Any]:
     """Returns the JSON Schema (draft 2020-12) of the configuration."""
-    parsed: dict[str, Any] = json.loads(_core.config_schema())
-    return parsed
-
-
-# --- the core's side ------------------------------------------------------------------------------
-
-
-def _resolve_in_core(layer: Layer) -> dict[str, Any]:
-    try:
-        resolved: dict[str, Any] = json.loads(_core.resolve_config(json.dumps(layer)))
-    except ValueError as error:
-        # The position within the JSON text means nothing to someone who wrote YAML or a flag.
-        message = re.sub(r" at line \d+ column \d+$", "", str(error))
-        raise ConfigError(_say_wrong_kind(message)) from None
-    return resolved
-
-
-def _say_wrong_kind(message: str) -> str:
-    """Rewords the core's complaint about a key that belongs to another kind of its section."""
-    found = re.match(r"(?P<section>\S+): unknown field `(?P<name>\w+)`", message)
-    if found is None:
-        return message
-    key = "{section}.{name}".format(**found.groupdict())
-    kinds = [info.only_for for info in _keys() if info.name == key and info.only_for]
-    return f"{key}: only for {' or '.join(kinds)}" if kinds else message
-
-
-@cache
-def _defaults() -> dict[str, Any]:
-    return _resolve_in_core({})
-
-
-@cache
-def _keys() -> tuple[KeyInfo, ...]:
-    return flatten(schema(), _defaults())
-
-
-@cache
-def _discriminators() -> Mapping[tuple[str, ...], str]:
-    return discriminators(schema())
-
-
-@cache
-def _descriptions() -> dict[str, str]:
-    """Descriptions of keys and of the sections above them."""
-    texts = {info.name: info.description for info in _keys()}
-    for info in _keys():
-        texts.update(info.section_descriptions)
-    return texts
-
-
-# --- layers ---------------------------------------------------------------------------------------
-
-
-def _overlay(below: Layer, above: Layer, path: tuple[str, ...]) -> dict[str, Any]:
-    kind_key = _discriminators().get(path, "")
-    other_kind = kind_key in above and kind_key in below and above[kind_key] != below[kind_key]
-    merged = {} if other_kind else dict(below)
-    for key, value in above.items():
-        earlier = merged.get(key)
-        if isinstance(earlier, Mapping) and isinstance(value, Mapping):
-            merged[key] = _overlay(earlier, value, (*path, str(key)))
-        else:
-            merged[key] = _deep_copy(value)
-    return merged
-
-
-def _deep_copy(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _deep_copy(child) for key, child in value.items()}
-    return list(value) if isinstance(value, list | tuple) else value
-
-
-def _leaf_keys(layer: Layer, prefix: str = "") -> Iterator[str]:
-    """Dotted keys of everything that is not a mapping; an empty mapping counts as its own leaf."""
-    for key, value in layer.items():
-        dotted = f"{prefix}{key}"
-        if isinstance(value, Mapping) and value:
-            yield from _leaf_keys(value, dotted + ".")
-        else:
-            yield dotted
-
-
-def _refuse_unknown(key: str, where: str = "") -> None:
-    known = {info.name for info in _keys()} | _descriptions().keys()
-    if key in known:
-        return
-    nearest = suggestion(key, known)
-    hint = f"did you mean {nearest}?" if nearest else "see `fastslam config explain`"
-    raise ConfigError(f"{where}{key}: unknown key; {hint}")
-
-
-def _refuse_unwritable(value: Any, key: str = "") -> None:
-    """Refuses what JSON cannot carry: NaN, infinities, dates, and keys that are not text."""
-    if isinstance(value, Mapping):
-        for name, child in value.items():
-            if not isinstance(name, str):
-                raise ConfigError(f"{key or 'configuration'}: keys must be text, got {name!r}")
-            _refuse_unwritable(child, f"{key}.{name}" if key else name)
-    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
-        for child in value:
-            _refuse_unwritable(child, key)
-    elif isinstance(value, float) and not math.isfinite(value):
-        raise ConfigError(f"{key}: must be a finite number, got {value}")
-    elif not isinstance(value, str | int | float | bool | None):
-        raise ConfigError(f"{key}: expected a number, text or list, got a {type(value).__name__} ({value})")
-
-
-# --- YAML ---------------------------------------------------------------------------------------
-
-
-def _parse(text: str, where: str) -> tuple[Any, dict[str, int]]:
-    try:
-        return parse_yaml(text)
-    except YamlError as error:
-        line = "" if error.line is None else f":{error.line}"
-        raise ConfigError(f"{where}{line}: {error.message}") from None
-
-
-def _commented(section: Layer, path: tuple[str, ...], descriptions: Mapping[str, str]) -> Iterator[str]:
-    indent = "  " * len(path)
-    for key, value in section.items():
-        description = descriptions.get(".".join((*path, key)), "")
-        yield from textwrap.wrap(
-            description, 100, initial_indent=indent + "# ", subsequent_indent=indent + "# "
-        )
-        if isinstance(value, Mapping) and value:
-            yield f"{indent}{key}:"
-            yield from _commented(value, (*path, key), descriptions)
-        else:
-            written = yaml.safe_dump(value, default_flow_style=True, width=10_000)
-            yield f"{indent}{key}: {written.removesuffix('...' + chr(10)).rstrip()}"
+    return _SCHEMA.json_schema

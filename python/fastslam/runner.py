@@ -6,13 +6,27 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TypeAlias
 
-from .config import Layer
+from .config import Config
 from .datasets.registry import load
+from .errors import ConfigError
 from .log import Log
 from .result import RunResult
+from .settings import Layer
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called a few times a second with (steps done, steps in all)."""
+
+
+def configure(log: Log, *layers: Layer) -> Config:
+    """The effective configuration: `layers` over the log's own settings over the defaults.
+
+    Errors: `ConfigError`; for the log's own settings the message names the log.
+    """
+    try:
+        Config.resolve(log.config)
+    except ConfigError as error:
+        raise ConfigError(f"{log.source}: {error}") from None
+    return Config.resolve(log.config, *layers)
 
 
 def run(

@@ -9,10 +9,12 @@ import typer
 from .. import __version__
 from .config import app as config_app
 from .datasets import app as datasets_app
+from .demo import demo
 from .errors import OneLineErrors
 from .evaluate import evaluate_results
 from .info import info
 from .run import run_log
+from .simulate import simulate_log
 
 app = typer.Typer(
     name="fastslam",
@@ -23,7 +25,9 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command("demo")(demo)
 app.command("run")(run_log)
+app.command("simulate")(simulate_log)
 app.command("eval")(evaluate_results)
 app.command("info")(info)
 app.add_typer(config_app, name="config")

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from .._schema import KeyInfo
 from ..config import Config, explain, load_config, parse_assignments
-from .console import make_table, stdout
+from .console import stdout
 from .options import ConfigFile, Format, Robot, Settings
+from .output import keys_table
 
 app = typer.Typer(help="Print, check and explain configurations.")
 
@@ -62,9 +61,4 @@ def explain_keys(
       fastslam config explain
       fastslam config explain filter.resampling
     """
-    rows = [(info.name, info.type, json.dumps(info.default), _meaning(info)) for info in explain(key)]
-    stdout().print(make_table("", ("key", "type", "default", "meaning"), rows))
-
-
-def _meaning(info: KeyInfo) -> str:
-    return f"[{info.only_for}] {info.description}" if info.only_for else info.description
+    stdout().print(keys_table(explain(key)))

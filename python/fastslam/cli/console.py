@@ -62,12 +62,13 @@ def progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def make_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """A table; columns whose heading starts with `>` are aligned right."""
+    """A table; a heading's `>` aligns its column to the right, `!` keeps it from being broken."""
     table = Table(title=title, title_justify="left")
     for column in columns:
         table.add_column(
-            column.removeprefix(">"),
+            column.lstrip(">!"),
             justify="right" if column.startswith(">") else "left",
+            no_wrap=column.startswith("!"),
             overflow="fold",
         )
     for row in rows:

@@ -70,4 +70,5 @@ def _extent_rows(name: str, extent: Extent | None, unit: str) -> list[Row]:
     if extent is None:
         return []
     values = (extent.minimum, extent.median, extent.maximum)
-    return [(f"{name}: min, median, max", ", ".join(format_number(value) for value in values), unit)]
+    shown = (format_number(int(value) if value.is_integer() else value) for value in values)
+    return [(f"{name}: min, median, max", ", ".join(shown), unit)]

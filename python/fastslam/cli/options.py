@@ -18,6 +18,6 @@ ConfigFile: TypeAlias = Annotated[
 ]
 Settings: TypeAlias = Annotated[
     list[str] | None,
-    typer.Option("--set", help="One setting; may be given again. See `config explain`.", metavar="KEY=VALUE"),
+    typer.Option("--set", help="One setting; may be given again.", metavar="KEY=VALUE"),
 ]
 Seed: TypeAlias = Annotated[int | None, typer.Option(help="Seed of all random numbers.", metavar="S")]

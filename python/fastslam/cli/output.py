@@ -13,6 +13,7 @@ from ..errors import DataError
 from ..evaluation import Metrics
 from ..evaluation.display import metric_rows, summary_rows
 from ..resultfiles import to_json, write_atomically
+from ..settings import KeyInfo
 from .console import make_table
 
 _LOG_FILE = "log.json"
@@ -43,6 +44,17 @@ def read_log_reference(folder: Path) -> LogReference:
         raise DataError("does not say which log was run: name one with --truth", folder) from None
     except (OSError, ValueError, KeyError, TypeError):
         raise DataError("is no note of a log: name the log with --truth", path) from None
+
+
+def keys_table(keys: Sequence[KeyInfo]) -> Table:
+    """One row per configuration key: its default, what it may be and what it means."""
+    rows = [(info.name, json.dumps(info.default), _meaning(info)) for info in keys]
+    return make_table("", ("!key", "default", "meaning"), rows)
+
+
+def _meaning(info: KeyInfo) -> str:
+    only_for = f"Only for {info.only_for}. " if info.only_for else ""
+    return f"{info.type}. {only_for}{info.description}"
 
 
 def metrics_table(title: str, metrics: Metrics) -> Table:

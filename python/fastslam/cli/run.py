@@ -15,7 +15,7 @@ from ..log import Log
 from ..outputs import write_outputs
 from ..result import RunResult
 from ..resultfiles import new_result_folder
-from ..runner import run_many
+from ..runner import configure, run_many
 from .console import progress_bar, stderr, stdout
 from .errors import INTERRUPTED
 from .options import ConfigFile, Format, LogPath, Robot, Seed, Settings
@@ -60,7 +60,7 @@ def run_log(
 ) -> None:
     """Run the filter over a log and write map, path, numbers, pictures and a report.
 
-    Settings come from: defaults < the log's own < --config < --set < the flags below.
+    Settings come from: defaults < the log's own < --config < --set and the flags below.
 
     Ctrl-C stops the run: what was computed until then is written, and the exit code is 130.
 
@@ -73,15 +73,15 @@ def run_log(
     """
     flags = {"association": association, "algorithm": algorithm, "particles": particles}
     flags |= {"store": store, "threads": threads, "seed": seed}
+    given = [f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None]
     layers = [
         load_config(config) if config is not None else {},
-        parse_assignments(settings or []),
-        parse_assignments(
-            f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None
-        ),
+        parse_assignments([*(settings or []), *given]),
     ]
     log = load(path, format=format, robot=robot)
-    configuration = Config.resolve(log.config, *layers)
+    configuration = configure(log, *layers)
+    for problem in log.problems:
+        stderr().print(f"note: {problem.message} ({problem.count:,})", markup=False, soft_wrap=True)
     folder = prepare_folder(out)
     write_log_reference(folder, LogReference(path, log.format, robot))
     run_and_report(log, configuration, folder, runs=runs, report=not no_report)

@@ -1,4 +1,4 @@
-"""Reads the JSON Schema of the configuration: which keys there are and what they mean."""
+"""Reads a JSON Schema of settings: which keys there are and what they mean."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class _Walk:
 
 
 def flatten(schema: Node, defaults: Mapping[str, Any]) -> tuple[KeyInfo, ...]:
-    """Lists every key that a configuration may have, in the schema's order, with the default of each.
+    """Lists every key that a configuration may have, with the default of each.
 
     `defaults` is the configuration that the core fills in by itself; keys of a kind of section that is not
     the default one take theirs from the schema.
@@ -112,26 +112,30 @@ def _keys_of_section(root: Node, node: Node, defaults: Any, walk: _Walk) -> Iter
     kinds = _kinds(root, node)
     if kinds:
         yield from _keys_of_kinds(root, kinds, defaults, walk)
-    for name, child in node.get("properties", {}).items():
+    for name, child in _in_order(node, defaults):
         yield from _keys_of_child(root, (name, child), defaults, walk)
+
+
+def _in_order(node: Node, defaults: Any) -> list[tuple[str, Node]]:
+    """Properties in the order of the defaults, which is the author's; the schema sorts by name."""
+    order = list(defaults) if isinstance(defaults, Mapping) else []
+    children = node.get("properties", {}).items()
+    return sorted(children, key=lambda child: order.index(child[0]) if child[0] in order else len(order))
 
 
 def _keys_of_kinds(root: Node, kinds: list[Node], defaults: Any, walk: _Walk) -> Iterator[KeyInfo]:
     discriminator = _discriminator(kinds)
     names = [str(kind["properties"][discriminator]["const"]) for kind in kinds]
     default = defaults.get(discriminator) if isinstance(defaults, Mapping) else None
-    about = "; ".join(
-        f"{name}: {_text(kind)}" if _text(kind) else name for name, kind in zip(names, kinds, strict=True)
-    )
+    about = " ".join(f"{name}: {_text(kind)}" for name, kind in zip(names, kinds, strict=True))
     dotted = ".".join((*walk.path, discriminator))
     yield KeyInfo(dotted, " | ".join(names), default, about, walk.only_for, walk.texts)
     for name, kind in zip(names, kinds, strict=True):
         only = _Walk(walk.path, f"{discriminator} = {name}", walk.texts)
-        for child_name, child in kind["properties"].items():
+        known = defaults if name == default else None
+        for child_name, child in _in_order(kind, known):
             if child_name != discriminator:
-                yield from _keys_of_child(
-                    root, (child_name, child), defaults if name == default else None, only
-                )
+                yield from _keys_of_child(root, (child_name, child), known, only)
 
 
 def _keys_of_child(root: Node, child: tuple[str, Node], defaults: Any, walk: _Walk) -> Iterator[KeyInfo]:
@@ -162,6 +166,9 @@ def _type(root: Node, node: Node) -> str:
     options = [*node.get("oneOf", ()), node]
     choices = [value for option in options for value in option.get("enum", [option.get("const")])]
     choices = [str(choice) for choice in choices if choice is not None]
+    for option in options[:-1]:
+        fields = [f"{name}: {_type(root, child)}" for name, child in option.get("properties", {}).items()]
+        choices += [f"{{{', '.join(fields)}}}"] if fields else []
     if choices:
         return " | ".join(choices) + suffix
     types = node.get("type", "any")
