@@ -65,7 +65,12 @@ def make_run(
     covariance = np.tile(np.diag([0.04, 0.01, 0.0025]), (len(poses), 1, 1))
     members: dict[str, Any] = {
         "log_name": "made-up",
-        "config": {"particles": 100, "seed": 7, "association": "known", "sensor": {"range_std_m": 0.1}},
+        "config": {
+            "seed": 7,
+            "filter": {"particles": 100},
+            "association": {"mode": "known"},
+            "sensor": {"range_std_m": 0.1},
+        },
         "version": "0.0.test",
         "trajectory": Trajectory(truth.stamp_s, poses, covariance),
         "smoothed": Trajectory(truth.stamp_s, poses),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 import os
@@ -69,7 +70,7 @@ def write_result(
         LANDMARKS_FILE: _landmarks_csv(result.landmarks),
         METRICS_FILE: to_json(values),
         CONFIG_FILE: config_yaml(result),
-        RUN_FILE: to_json(_run_facts(result, log)),
+        RUN_FILE: to_json(_run_facts(result)),
         STEPS_FILE: _steps_csv(result.steps),
     }
     if result.trajectory.covariance is not None:
@@ -157,12 +158,6 @@ def read_result(folder: Path | str) -> RunResult:
     )
 
 
-def read_log_source(folder: Path | str) -> tuple[str, str]:
-    """Path and format of the log that a results folder came from. Errors: as `read_result`."""
-    facts = _read_run_facts(_resolve(folder) / RUN_FILE)
-    return facts["log_source"], facts["log_format"]
-
-
 def _resolve(folder: Path | str) -> Path:
     """The results folder, where `latest` may be a text file that names it."""
     path = Path(folder)
@@ -197,13 +192,11 @@ def config_yaml(result: RunResult) -> str:
     return header + yaml.safe_dump(_plain(result.config), sort_keys=False, allow_unicode=True)
 
 
-def _run_facts(result: RunResult, log: Log) -> dict[str, Any]:
+def _run_facts(result: RunResult) -> dict[str, Any]:
     """What no other file holds and reading the run back needs."""
     return {
         "version": result.version,
         "log": result.log_name,
-        "log_source": log.source,
-        "log_format": log.format,
         "seed": result.config.get("seed"),
         "filter_seconds": float(result.filter_seconds),
         "peak_memory_bytes": int(result.peak_memory_bytes),
@@ -213,11 +206,11 @@ def _run_facts(result: RunResult, log: Log) -> dict[str, Any]:
 
 
 def _tum(trajectory: Trajectory) -> str:
-    """Lines `stamp x y z qx qy qz qw`; stamps keep the microsecond at Unix time, poses the micrometre."""
+    """Lines `stamp x y z qx qy qz qw`; stamps come back to the bit, to meet those of the truth."""
     half = 0.5 * trajectory.T_world_robot[:, 2]
     columns = (trajectory.stamp_s, *trajectory.T_world_robot[:, :2].T, np.sin(half), np.cos(half))
     lines = (
-        f"{stamp:.6f} {x:.9g} {y:.9g} 0 0 0 {qz:.12g} {qw:.12g}\n"
+        f"{float(stamp)!r} {x:.9g} {y:.9g} 0 0 0 {qz:.12g} {qw:.12g}\n"
         for stamp, x, y, qz, qw in zip(*columns, strict=True)
     )
     return "# stamp_s x_m y_m z_m qx qy qz qw (T_world_robot)\n" + "".join(lines)
@@ -254,7 +247,7 @@ def _steps_csv(steps: Steps) -> str:
 
 def _step_cell(value: Any, name: str, kind: type) -> str:
     if name == "stamp_s":
-        return f"{value:.6f}"
+        return repr(float(value))
     return f"{value:.9g}" if kind is float else str(int(value))
 
 
@@ -262,7 +255,7 @@ def _covariance_csv(trajectory: Trajectory) -> str:
     assert trajectory.covariance is not None
     upper = trajectory.covariance[:, (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
     rows = (
-        (f"{stamp:.6f}", *(f"{value:.9g}" for value in row))
+        (repr(float(stamp)), *(f"{value:.9g}" for value in row))
         for stamp, row in zip(trajectory.stamp_s, upper, strict=True)
     )
     return _csv(COVARIANCE_COLUMNS, rows)
@@ -292,8 +285,7 @@ def _read_run_facts(path: Path) -> dict[str, Any]:
         facts = json.loads(_read_text(path))
     except json.JSONDecodeError as error:
         raise DataError(f"not JSON: {error.msg}", path, error.lineno) from error
-    texts = ("version", "log", "log_source", "log_format")
-    kinds: dict[str, Any] = {**dict.fromkeys(texts, str), "filter_seconds": (int, float)}
+    kinds: dict[str, Any] = {"version": str, "log": str, "filter_seconds": (int, float)}
     kinds |= {"peak_memory_bytes": int, "interrupted": bool, "counts": dict}
     for name, kind in kinds.items():
         if not isinstance(facts, dict) or not isinstance(facts.get(name), kind):
@@ -318,7 +310,7 @@ def _read_tum(path: Path) -> Trajectory:
 
 def _read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
     """Line numbers and cells of a CSV file with exactly this header."""
-    reader = csv.reader(_read_text(path).splitlines())
+    reader = csv.reader(io.StringIO(_read_text(path), newline=""))
     header = next(reader, [])
     if header != list(columns):
         raise DataError(f"expected the header {','.join(columns)}, got {','.join(header)}", path, 1)

@@ -45,12 +45,14 @@ def summary_rows(runs: Sequence[Metrics]) -> list[SummaryRow]:
     rows = []
     for name, found in summarize(runs).items():
         factor, unit = _scale(metric_unit(name), found.mean)
-        values = [_compact(value / factor) for value in (found.mean, found.median, found.min, found.max)]
+        mean, median, low, high = (
+            _compact(value / factor) for value in (found.mean, found.median, found.min, found.max)
+        )
         ci95 = "-"
         if found.ci95 is not None:
             # Runs that agree to rounding have no spread worth showing.
             ci95 = format_number(0 if found.ci95 < 1e-9 * abs(found.mean) else found.ci95 / factor)
-        rows.append(SummaryRow(name, found.runs, values[0], ci95, *values[1:], unit))
+        rows.append(SummaryRow(name, found.runs, mean, ci95, median, low, high, unit))
     return rows
 
 

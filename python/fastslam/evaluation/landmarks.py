@@ -27,7 +27,7 @@ class LandmarkMatching:
 
     `identities` are the ids that name a true landmark; every other estimate is matched by position.
     `initial` is `T_truth_estimate` from the paths where those are known; else it is searched for (seeded).
-    `min_sightings` leaves out estimates seen less often; None is 1 where all ids are identities, else 5.
+    `min_sightings` leaves out estimates seen less often; None is 1 for identities and 5 for the others.
     """
 
     identities: Collection[str] = ()
@@ -44,7 +44,8 @@ class LandmarkErrors:
     """Matched landmarks and their errors.
 
     `estimate_index` and `truth_index` (P,) pair rows of the map with rows of the truth, `error_m` (P,) are
-    their distances after alignment. `rmse_m` is None where fewer than two pairs leave no alignment to judge.
+    their distances after alignment. `rmse_m` is None without pairs, or where neither two of them nor the path
+    fix an alignment.
     `duplicates` are unmatched estimates within the gate of a matched true landmark. `false_landmarks` are
     the unmatched estimates, or only the duplicates where the truth is not complete. `considered` counts the
     estimates that were seen often enough.
@@ -92,9 +93,8 @@ def landmark_errors(
     _check(estimate, truth)
     identities = set(how.identities)
     named = np.array([name in identities for name in estimate.ids], dtype=bool)
-    least = how.min_sightings
-    if least is None:
-        least = MIN_SIGHTINGS_KNOWN if named.all() else MIN_SIGHTINGS_UNKNOWN
+    usual = np.where(named, MIN_SIGHTINGS_KNOWN, MIN_SIGHTINGS_UNKNOWN)
+    least = usual if how.min_sightings is None else how.min_sightings
     kept = np.flatnonzero(estimate.sightings >= least)
     names = [estimate.ids[row] if named[row] else None for row in kept]
     points_m = estimate.mean_m[kept]
@@ -167,12 +167,12 @@ def _measure(
         estimate_index=kept[rows],
         truth_index=true_rows,
         error_m=error_m if transform is not None else np.full(len(rows), np.nan),
-        rmse_m=float(np.sqrt(np.mean(error_m**2))) if transform is not None and len(rows) > 1 else None,
+        rmse_m=float(np.sqrt(np.mean(error_m**2))) if transform is not None and len(rows) else None,
         considered=len(kept),
         duplicates=duplicates,
         false_landmarks=len(unmatched) if truth.complete else duplicates,
         missed=len(truth.names) - len(true_rows),
         gospa=None
-        if transform is None
+        if transform is None and len(points_m)
         else gospa(aligned_m, truth.position_m, cutoff_m=cutoff_m, count_false=truth.complete),
     )

@@ -65,7 +65,7 @@ class EvaluationOptions:
     gospa_cutoff_m: float | None = None
     """None: two gates."""
     min_sightings: int | None = None
-    """None: 1 where all ids are identities, else 5."""
+    """None: 1 for ids that are identities, 5 for the others."""
     identities: Literal["auto", "known", "unknown"] = "auto"
     """Whether ids that occur among the log's names are identities; `auto` asks the run's configuration."""
     max_gap_s: float | None = None
@@ -159,10 +159,8 @@ def run_metrics(result: RunResult) -> Metrics:
 
 def particle_count(config: dict[str, Any]) -> int | None:
     """Number of particles in an effective configuration; None where it does not say."""
-    for place in (config, config.get("filter")):
-        if isinstance(place, dict) and isinstance(place.get("particles"), int):
-            return int(place["particles"])
-    return None
+    particles = config.get("filter", {}).get("particles")
+    return particles if isinstance(particles, int) else None
 
 
 def _latency(result: RunResult) -> dict[str, Number]:
@@ -229,23 +227,15 @@ def _matching(
 ) -> LandmarkMatching:
     known = options.identities == "known"
     if options.identities == "auto":
-        known = not _association_is_unknown(result.config)
-    truth_names = log.truth_landmarks.names if log.truth_landmarks is not None else ()
+        known = result.config.get("association", {}).get("mode") != "unknown"
     return LandmarkMatching(
-        identities={*log.identity_names, *truth_names} if known else (),
+        identities=log.identity_names if known else (),
         initial=initial,
         gate_m=options.gate_m,
         gospa_cutoff_m=options.gospa_cutoff_m,
         min_sightings=options.min_sightings,
         seed=options.seed,
     )
-
-
-def _association_is_unknown(config: dict[str, Any]) -> bool:
-    association = config.get("association")
-    if isinstance(association, dict):
-        association = association.get("identities", association.get("mode"))
-    return association == "unknown"
 
 
 def _finite(value: Any) -> float | None:

@@ -16,6 +16,8 @@ from ..result import LandmarkMap, RunResult
 from . import style
 
 ELLIPSE_SIGMAS = 2.0
+MAX_CLEAR_LANDMARKS = 2000
+"""Of more landmarks than this each becomes a dot under the path, or they would cover everything."""
 
 
 def plot_map(axis: Axes, result: RunResult, log: Log, *, evaluation: Evaluation | None = None) -> Axes:
@@ -27,8 +29,9 @@ def plot_map(axis: Axes, result: RunResult, log: Log, *, evaluation: Evaluation 
     found = evaluate_run(result, log) if evaluation is None else evaluation
     _plot_truth(axis, log, found)
     live, smoothed = result.trajectory.T_world_robot, result.smoothed.T_world_robot
-    _plot_path(axis, live, color=style.LIVE, label="path, live", zorder=3)
-    _plot_path(axis, smoothed, color=style.SMOOTHED, label="path, smoothed", zorder=4)
+    # The upper line is the thinner one, so that both are seen where they agree.
+    _plot_path(axis, live, color=style.LIVE, linewidth=2.2, label="path, live", zorder=3)
+    _plot_path(axis, smoothed, color=style.SMOOTHED, linewidth=1.0, label="path, smoothed", zorder=4)
     path = smoothed if len(smoothed) else live
     if len(path):
         ends: dict[str, Any] = {
@@ -62,16 +65,20 @@ def ellipse_axes(covariance_m2: Floats) -> tuple[Floats, Floats, Floats]:
     return lengths[:, 1], lengths[:, 0], angle
 
 
-def _plot_path(axis: Axes, poses: Floats, *, color: str, label: str, zorder: int) -> None:
+def _plot_path(axis: Axes, poses: Floats, **line: Any) -> None:
     if len(poses):
-        heavy = style.is_heavy(len(poses))
-        axis.plot(poses[:, 0], poses[:, 1], color=color, label=label, zorder=zorder, rasterized=heavy)
+        axis.plot(poses[:, 0], poses[:, 1], **line, rasterized=style.is_heavy(len(poses)))
 
 
 def _plot_landmarks(axis: Axes, landmarks: LandmarkMap) -> None:
-    if len(landmarks.ids) == 0:
+    count = len(landmarks.ids)
+    if count == 0:
         return
-    heavy = style.is_heavy(10 * len(landmarks.ids))
+    dots: dict[str, Any] = {"marker": "o", "markersize": 3.5 if count <= 500 else 1.5, "linestyle": "none"}
+    dots |= {"color": style.LANDMARK, "label": "landmark", "zorder": 6}
+    if count > MAX_CLEAR_LANDMARKS:
+        dots |= {"marker": ".", "markersize": 0.8, "zorder": 1.5, "alpha": 0.4}
+    axis.plot(*landmarks.mean_m.T, **dots, rasterized=style.is_heavy(10 * count))
     major, minor, angle = ellipse_axes(landmarks.covariance_m2)
     ellipses = EllipseCollection(
         major,
@@ -81,15 +88,12 @@ def _plot_landmarks(axis: Axes, landmarks: LandmarkMap) -> None:
         offsets=landmarks.mean_m,
         offset_transform=axis.transData,
         facecolors=style.LANDMARK + "30",
-        edgecolors=style.LANDMARK,
-        linewidths=0.9,
-        zorder=5,
-        rasterized=heavy,
+        edgecolors=style.LANDMARK if count <= MAX_CLEAR_LANDMARKS else "none",
+        linewidths=0.9 if count <= 500 else 0.4,
+        zorder=5 if count <= MAX_CLEAR_LANDMARKS else 1.4,
+        rasterized=style.is_heavy(10 * count),
     )
     axis.add_collection(ellipses)
-    size = 3.5 if len(landmarks.ids) <= 500 else 1.5
-    dots: dict[str, Any] = {"marker": "o", "markersize": size, "linestyle": "none", "color": style.LANDMARK}
-    axis.plot(*landmarks.mean_m.T, **dots, zorder=6, rasterized=heavy, label="landmark")
     proxy = Line2D([], [], marker="o", markersize=9, linestyle="none", color=style.LANDMARK)
     proxy.set(markerfacecolor=style.LANDMARK + "30", label=f"{ELLIPSE_SIGMAS:g}σ ellipse")
     axis.add_line(proxy)
@@ -109,9 +113,11 @@ def _plot_truth(axis: Axes, log: Log, found: Evaluation) -> None:
         _plot_fixes(axis, log, found.fixes.transform.inverse())
     if log.truth_landmarks is not None and len(log.truth_landmarks.names):
         points = T_world_truth.apply_points(log.truth_landmarks.position_m)
-        cross: dict[str, Any] = {"marker": "x", "markersize": 7, "markeredgewidth": 1.4, "linestyle": "none"}
-        heavy = style.is_heavy(10 * len(points))
-        axis.plot(*points.T, **cross, color=style.INK, label="landmark, true", zorder=7, rasterized=heavy)
+        cross: dict[str, Any] = {"marker": "x", "markersize": 7, "markeredgewidth": 1.4, "color": style.INK}
+        cross |= {"linestyle": "none", "label": "landmark, true", "zorder": 7}
+        if len(points) > MAX_CLEAR_LANDMARKS:
+            cross |= {"marker": ".", "markersize": 1.2, "color": style.MUTED, "zorder": 1.3}
+        axis.plot(*points.T, **cross, rasterized=style.is_heavy(10 * len(points)))
 
 
 def _plot_fixes(axis: Axes, log: Log, T_world_fixes: RigidTransform) -> None:

@@ -14,6 +14,8 @@ from ..result import RunResult
 from . import style
 
 BAND_SIGMAS = 2.0
+MAX_CLEAR_STEPS = 2000
+"""A jagged line of more steps than this turns into a solid block; its range and median are drawn instead."""
 
 
 def plot_error_over_time(
@@ -58,7 +60,10 @@ def position_std_m(covariance: Floats) -> Floats:
 def plot_effective_sample_size(axis: Axes, result: RunResult) -> Axes:
     """Draw the effective sample size before resampling at each step, with the steps that resampled marked."""
     steps, time_s = result.steps, result.steps.stamp_s - _start_s(result)
-    _line(axis, time_s, steps.effective_sample_size, label="effective sample size", width=0.9)
+    if len(time_s) > MAX_CLEAR_STEPS:
+        _plot_envelope(axis, time_s, steps.effective_sample_size, label="effective sample size")
+    else:
+        _line(axis, time_s, steps.effective_sample_size, label="effective sample size", width=0.9)
     particles = particle_count(result.config)
     if particles is not None:
         ceiling: dict[str, Any] = {"color": style.MUTED, "linestyle": (0, (4, 2)), "linewidth": 1.0}
@@ -66,6 +71,7 @@ def plot_effective_sample_size(axis: Axes, result: RunResult) -> Axes:
     if steps.resampled.any():
         marks: dict[str, Any] = {"marker": "|", "markersize": 7, "linestyle": "none", "color": style.EVENT}
         at = time_s[steps.resampled]
+        marks["alpha"] = 1.0 if len(at) <= 200 else 0.25
         heavy = style.is_heavy(10 * len(at))
         axis.plot(at, np.zeros(len(at)), **marks, clip_on=False, rasterized=heavy, label="resampled")
     axis.set_ylim(bottom=0.0)
@@ -96,8 +102,8 @@ def plot_latency_histogram(axis: Axes, result: RunResult) -> Axes:
     latency_us = result.steps.latency_us[result.steps.latency_us > 0]
     if len(latency_us):
         low, high = latency_us.min(), latency_us.max()
-        edges = np.geomspace(low * 0.99, high * 1.01, 61).tolist()
-        axis.hist(latency_us, bins=edges, color=style.LIVE, alpha=0.75)
+        counts, edges = np.histogram(latency_us, bins=np.geomspace(low * 0.99, high * 1.01, 61))
+        axis.stairs(counts, edges, fill=True, color=style.LIVE, alpha=0.75)
         axis.set_xscale("log")
         for quantile, color in ((50, style.GOOD), (99, style.LANDMARK)):
             value = np.percentile(latency_us, quantile)
@@ -108,6 +114,15 @@ def plot_latency_histogram(axis: Axes, result: RunResult) -> Axes:
     axis.set_xlabel("latency [µs]")
     axis.set_ylabel("steps")
     return axis
+
+
+def _plot_envelope(axis: Axes, time_s: Floats, values: Floats, *, label: str) -> None:
+    """Range and median of the values within each of 300 equal stretches of steps."""
+    pieces = np.array_split(np.arange(len(time_s)), 300)
+    middle_s = [time_s[piece].mean() for piece in pieces]
+    low, median, high = np.array([np.percentile(values[piece], [0, 50, 100]) for piece in pieces]).T
+    axis.fill_between(middle_s, low, high, color=style.BAND, alpha=0.3, linewidth=0, label=f"{label}, range")
+    axis.plot(middle_s, median, color=style.LIVE, linewidth=1.1, label=f"{label}, median")
 
 
 def _plot_fix_errors(axis: Axes, time_s: Floats, error_m: Floats) -> None:
