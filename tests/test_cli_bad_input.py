@@ -131,7 +131,7 @@ def test_landmark_a_hair_from_the_sensor_poisons_nothing(log: Path, tmp_path: Pa
         (("--algorithm", "fastslam9"), 2, "algorithm"),
         (("--association", "guessed"), 2, "association.mode"),
         (("--seed", "-1"), 2, "seed"),
-        (("--format", "utias"), 1, "Barcodes.dat"),
+        (("--format", "utias"), 1, "robots there: none"),
         (("--format", "victoria_prak"), 1, "did you mean victoria_park?"),
         (("--robot", "3"), 1, "robot"),
         (("--config", "nosuch.yaml"), 2, "nosuch.yaml: No such file"),

@@ -54,9 +54,18 @@ class _Loader(yaml.SafeLoader):
             self._visit(value_node, dotted + ".")
 
 
+class _Dumper(yaml.SafeDumper):
+    """The safe dumper, which must know the form of numbers below to quote texts that look like it."""
+
+
 # YAML 1.1 wants a point and a signed exponent in such numbers; people do not.
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-    list("-+.0123456789"),
-)
+_FLOAT = re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$")
+for _side in (_Loader, _Dumper):
+    _side.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))
+
+
+def write_yaml(value: Any, *, flow: bool = False) -> str:
+    """YAML text that `parse_yaml` turns into the same value; keys keep their order. `flow`: in one line."""
+    layout: dict[str, Any] = {"default_flow_style": True, "width": 10_000} if flow else {}
+    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, **layout)
+    return text.removesuffix("...\n") if flow else text

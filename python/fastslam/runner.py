@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import fields
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+from . import _core
 from .config import Config
 from .datasets.registry import load
-from .errors import ConfigError
+from .errors import ConfigError, DataError, NumericalError
 from .log import Log
-from .result import RunResult
+from .result import LandmarkMap, RunResult, Steps, Trajectory
 from .settings import Layer
 
 Progress: TypeAlias = Callable[[int, int], None]
@@ -46,7 +49,24 @@ def run(
     cannot go on.
     """
     log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
-    raise SystemExit
+    configuration = configure(log, config or {})
+    controls, sightings = log.controls, log.sightings
+    try:
+        columns = _core.run(
+            configuration.to_json(),
+            controls.stamp_s,
+            controls.values,
+            sightings.stamp_s,
+            sightings.range_m,
+            sightings.bearing_rad,
+            sightings.identity,
+            progress=progress,
+        )
+    except ValueError as error:
+        raise DataError(str(error), log.source) from None
+    except RuntimeError as error:
+        raise NumericalError(str(error)) from None
+    return _result(columns, log, configuration)
 
 
 def run_many(
@@ -67,3 +87,42 @@ def run_many(
         yield result
         if result.interrupted:
             return
+
+
+def _result(columns: dict[str, Any], log: Log, config: Config) -> RunResult:
+    debug = " (debug build)" if _core.build_profile == "debug" else ""
+    return RunResult(
+        log_name=log.name,
+        config=dict(config),
+        version=_core.__version__ + debug,
+        trajectory=Trajectory(columns["stamp_s"], columns["T_world_robot"], columns["covariance"]),
+        smoothed=Trajectory(columns["smoothed_stamp_s"], columns["smoothed_T_world_robot"]),
+        landmarks=_landmark_map(columns["map"], log.identity_names),
+        steps=Steps(**{field.name: columns[field.name] for field in fields(Steps)}),
+        filter_seconds=columns["filter_seconds"],
+        peak_memory_bytes=peak_memory_bytes(),
+        interrupted=columns["interrupted"],
+        counts=columns["skipped"],
+    )
+
+
+def _landmark_map(columns: dict[str, Any], identity_names: tuple[str, ...]) -> LandmarkMap:
+    return LandmarkMap(
+        ids=tuple(
+            f"L{birth}" if identity < 0 else identity_names[identity]
+            for birth, identity in zip(columns["birth"], columns["identity"], strict=True)
+        ),
+        mean_m=columns["mean_m"],
+        covariance_m2=columns["covariance_m2"],
+        sightings=columns["sightings"],
+    )
+
+
+def peak_memory_bytes() -> int:
+    """Largest resident memory of this process so far, the Python interpreter included; 0 where unknown."""
+    if sys.platform == "win32":
+        return 0
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak

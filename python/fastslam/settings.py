@@ -11,10 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import yaml
-
 from ._json_schema import KeyInfo, discriminators, flatten, suggestion
-from ._yaml import YamlError, parse_yaml
+from ._yaml import YamlError, parse_yaml, write_yaml
 from .errors import ConfigError
 
 __all__ = ["KeyInfo", "Layer", "Schema", "Settings"]
@@ -258,5 +256,4 @@ def _commented(section: Layer, path: tuple[str, ...], descriptions: Mapping[str,
             yield f"{indent}{key}:"
             yield from _commented(value, (*path, key), descriptions)
         else:
-            written = yaml.safe_dump(value, default_flow_style=True, width=10_000)
-            yield f"{indent}{key}: {written.removesuffix('...' + chr(10)).rstrip()}"
+            yield f"{indent}{key}: {write_yaml(value, flow=True).rstrip()}"

@@ -58,8 +58,12 @@ def _meaning(info: KeyInfo) -> str:
 
 
 def metrics_table(title: str, metrics: Metrics) -> Table:
-    """One row per metric, with its unit."""
-    rows = [(row.name, row.value, row.unit) for row in metric_rows(metrics)]
+    """One row per metric, with its unit; counts of skips and repairs only where there were any."""
+    rows = [
+        (row.name, row.value, row.unit)
+        for row in metric_rows(metrics)
+        if not (row.name.startswith("counts.") and row.value == "0")
+    ]
     return make_table(title, ("metric", ">value", "unit"), rows)
 
 
