@@ -66,7 +66,11 @@ def run(
         raise DataError(str(error), log.source) from None
     except RuntimeError as error:
         raise NumericalError(str(error)) from None
-    return _result(columns, log, configuration)
+    result = _result(columns, log, configuration)
+    if progress is not None and not result.interrupted:
+        # The core counts up to a bound, which gaps and empty scans keep it from reaching.
+        progress(len(result.steps.stamp_s), len(result.steps.stamp_s))
+    return result
 
 
 def run_many(
