@@ -86,13 +86,13 @@ impl FastSlam {
                     covariance.yy += share * (landmark.covariance.yy + d[1] * d[1]);
                 }
             }
-            landmarks.push(MapLandmark {
-                birth: known.birth,
-                identity: known.identity,
-                mean,
-                covariance,
-                sightings: sightings as u32,
-            });
+            let identity = if self.landmarks.columns() > column::IDENTITY {
+                let mark = self.landmarks.read(slot).column(column::IDENTITY)[best];
+                (mark > 0.0).then(|| mark as u32 - 1)
+            } else {
+                known.identity
+            };
+            landmarks.push(MapLandmark { birth: known.birth, identity, mean, covariance, sightings: sightings as u32 });
         }
         MapEstimate { landmarks }
     }

@@ -59,6 +59,8 @@ pub struct StepInfo {
     pub log_likelihood: f64,
     /// Landmarks in the map of the best particle.
     pub landmarks: u32,
+    /// Whether the poses are samples now; without sightings FastSLAM 2.0 waits.
+    pub sampled: bool,
 }
 
 /// Sightings that could not be used, by reason.
@@ -197,11 +199,11 @@ impl FastSlam {
                 None => rounds.push(vec![sighting]),
             }
         }
-        let unsampled = self.keeps_motion_pending(&rounds[0]);
+        info.sampled = !self.keeps_motion_pending(&rounds[0]);
         for round in &rounds {
             self.process(round, &mut info)?;
         }
-        if !unsampled {
+        if info.sampled {
             let particles = &self.particles;
             self.path.extend(stamp_s, |i| particles.pose(i));
         }
