@@ -37,7 +37,7 @@ def test_finds_pose_and_landmarks(named: bool) -> None:
     robot = FastSlam(identities="all" if named else "none")
     drive(robot, named=named)
     pose, covariance = robot.pose
-    # Noise-free sightings, believed to 10 cm and 20 mrad for 40 steps: a decimetre is over three final spreads.
+    # Sightings without noise, believed to 10 cm and 20 mrad: a decimetre is over three final spreads.
     np.testing.assert_allclose(pose, [4.0, 0.0, 0.0], atol=0.1)
     assert np.linalg.eigvalsh(covariance).min() >= 0.0
     landmarks = robot.landmarks
