@@ -3,8 +3,12 @@
 //! Each particle carries a robot path and, given the path, one small Gaussian per landmark. This crate holds all the
 //! mathematics and nothing else: no files, no clock, no global state, no randomness that is not a function of the seed.
 
+pub mod association;
+pub mod config;
 pub mod error;
+pub mod filter;
 pub mod geometry;
+pub mod landmark;
 pub mod math;
 pub mod measurement;
 pub mod motion;
