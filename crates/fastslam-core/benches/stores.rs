@@ -1,7 +1,7 @@
 //! What a touch of a landmark costs in each store, whatever the size of the map, and what the maps occupy.
 //!
-//! `cargo bench -p fastslam-core --bench stores -- [touch] [revisit] [memory]` prints tables; all of them without an
-//! argument. The touch is a trivial change of all columns, so that the tables show the stores and not the filter.
+//! `cargo bench -p fastslam-core --bench stores -- [touch] [revisit] [memory] [without-dense] [without-tree]` prints
+//! tables; all of them when none is named. The touch is a trivial change of all columns, so that the tables show the stores and not the filter.
 
 use fastslam_core::random::{Purpose, RandomSource};
 use fastslam_core::resampling::{resample, ResamplingScheme};
@@ -114,19 +114,17 @@ fn print_head(title: &str) {
     println!("   store      M        K  ns/p-sight  median us     p99 us      rows        MB");
 }
 
-const KINDS: [StoreKind; 3] = [StoreKind::Dense, StoreKind::Tree, StoreKind::Lineage];
-
 /// The window of sixteen landmarks in view moves on by one every other step; each step sights every other of them.
 fn in_window(step: usize, j: usize, landmarks: usize) -> u32 {
     ((step / 2 + 2 * j + step % 2) % landmarks) as u32
 }
 
-fn bench_touch(particles: &[usize], landmarks: &[usize], steps: usize) {
+fn bench_touch(kinds: &[StoreKind], particles: &[usize], landmarks: &[usize], steps: usize) {
     print_head("touch: a window slides over a map known before (resampling every 3rd step included)");
     for &m in particles {
         let ancestors = Ancestors::draw(m, 400);
         for &k in landmarks {
-            for kind in KINDS {
+            for &kind in kinds {
                 let bytes = m * k * COLUMNS * size_of::<f64>();
                 // A dense step copies the map; a few of them tell.
                 let steps = if kind == StoreKind::Dense { steps.min(2_000_000_000 / bytes).max(9) } else { steps };
@@ -207,16 +205,20 @@ fn bench_memory(particles: usize, landmarks: usize) {
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let wanted = |name: &str| arguments.iter().all(|a| a.starts_with("--")) || arguments.iter().any(|a| a == name);
-    if !arguments.iter().any(|a| a == "--bench") {
+    let named = |name: &str| arguments.iter().any(|a| a == name);
+    let wanted = |name: &str| named(name) || !["touch", "revisit", "memory"].into_iter().any(named);
+    let without = [(StoreKind::Dense, "without-dense"), (StoreKind::Tree, "without-tree")];
+    let mut kinds = vec![StoreKind::Dense, StoreKind::Tree, StoreKind::Lineage];
+    kinds.retain(|kind| !without.iter().any(|(other, name)| other == kind && named(name)));
+    if !named("--bench") {
         // Under `cargo test`: only that it runs.
-        bench_touch(&[10], &[100], 40);
+        bench_touch(&kinds, &[10], &[100], 40);
         bench_revisit(&[10], 200, 40);
         bench_memory(10, 100);
         return;
     }
     if wanted("touch") {
-        bench_touch(&[250, 1000], &[1_000, 10_000, 100_000, 1_000_000], 3_000);
+        bench_touch(&kinds, &[250, 1000], &[1_000, 10_000, 100_000, 1_000_000], 3_000);
     }
     if wanted("revisit") {
         bench_revisit(&[250, 1000], 2_000, 6_000);

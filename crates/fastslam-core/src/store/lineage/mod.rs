@@ -13,8 +13,8 @@ use chain::{Chain, NONE};
 
 /// Generations between the beginnings of two sweeps.
 const SWEEP_EVERY: u64 = 8;
-/// What a call may spend on the sweep, in elements moved per element of a landmark.
-const SWEEP_SHARE: usize = 2;
+/// What a call may spend on the sweep, in numbers moved per number of a landmark with all its rows.
+const SWEEP_SHARE_MAX: usize = 2;
 
 /// Blocks stamped by generation: O(M) per touch and per resampling whatever the number of landmarks, and memory for
 /// the distinct rows only.
@@ -55,6 +55,11 @@ struct Sweep {
     since: u64,
     /// Generation at which this sweep began, or began and ended.
     begun: u64,
+    /// Numbers moved since, and calls that had a share in it.
+    moved: usize,
+    calls: usize,
+    /// What a call moves, so that the sweep takes as many calls as the previous one had until this one began.
+    slice: usize,
 }
 
 impl LineageStore {
@@ -67,7 +72,7 @@ impl LineageStore {
             values: Arena::default(),
             rows: 0,
             scratch: Vec::new(),
-            sweep: Sweep { level: NONE, survivors: NONE, since: 0, begun: 0 },
+            sweep: Sweep { level: NONE, survivors: NONE, since: 0, begun: 0, moved: 0, calls: 0, slice: 0 },
         }
     }
 
@@ -173,37 +178,51 @@ impl LineageStore {
         }
     }
 
-    /// Goes on with the sweep until about `budget` numbers were written.
+    /// Goes on with the sweep until about `budget` numbers were moved.
     fn sweep(&mut self, budget: usize) {
-        let mut spent = 0;
-        while spent < budget {
-            let Sweep { level, survivors, since, begun } = self.sweep;
-            if level == NONE {
-                if self.chain.generation < begun + SWEEP_EVERY {
-                    return;
-                }
-                let generation = self.chain.generation;
-                self.sweep = Sweep { level: self.chain.newest, survivors, since: begun, begun: generation };
-                spent += 1;
-            } else if survivors != NONE {
+        let limit = self.sweep.moved.saturating_add(budget);
+        while self.sweep.moved < limit {
+            let Sweep { level, survivors, since, .. } = self.sweep;
+            if survivors != NONE {
                 let slot = self.chain.level(level).first_block;
-                spent += self.rebase(slot, survivors, Through::Parents);
+                self.sweep.moved += self.rebase(slot, survivors, Through::Parents);
                 self.tidy(slot);
             } else if self.chain.worth_visiting(level, since) {
-                spent += self.chain.rows(level);
+                self.sweep.moved += self.chain.rows(level);
                 match self.chain.split_survivors(level) {
                     Some(survivors) => self.sweep.survivors = survivors,
                     None => self.sweep.level = self.chain.level(level).older,
                 }
             } else {
                 self.sweep.level = NONE;
+                return;
             }
         }
     }
 
-    /// The share of a call in the sweep: in proportion to what touching one landmark costs.
+    /// The share of a call in the sweep.
+    ///
+    /// **Why:** a sweep at one go would make one step slow. It is spread evenly over the calls of its period; one
+    /// that is late goes on at a pace that keeps up with any caller, for what it has to do is in proportion to the
+    /// blocks that were touched.
     fn sweep_slice(&mut self) {
-        self.sweep(SWEEP_SHARE * self.columns * self.chain.particles());
+        let most = SWEEP_SHARE_MAX * self.columns * self.chain.particles();
+        let due = self.chain.generation >= self.sweep.begun + SWEEP_EVERY;
+        let late = due && self.sweep.level != NONE;
+        if due && !late {
+            let Sweep { begun, moved, calls, .. } = self.sweep;
+            self.sweep = Sweep {
+                level: self.chain.newest,
+                survivors: NONE,
+                since: begun,
+                begun: self.chain.generation,
+                moved: 0,
+                calls: 0,
+                slice: (moved + moved / 4) / calls.max(1),
+            };
+        }
+        self.sweep.calls += 1;
+        self.sweep(if late { most } else { self.sweep.slice.clamp(most / 16, most) });
     }
 }
 

@@ -41,13 +41,12 @@ impl LineageStore {
 
     /// Sweeps until nothing is left to do, as if there had been time.
     fn sweep_fully(&mut self) {
-        for _ in 0..2 {
-            self.sweep.begun = 0;
-            self.chain.generation += SWEEP_EVERY;
-            self.sweep(usize::MAX);
-            self.chain.generation -= SWEEP_EVERY;
-        }
-        self.sweep.begun = self.chain.generation;
+        self.sweep(usize::MAX);
+        self.sweep.level = self.chain.newest;
+        self.sweep.since = 0;
+        self.sweep.moved = 0;
+        self.sweep(usize::MAX);
+        assert_eq!(self.sweep.level, NONE);
     }
 
     /// Panics when some lineage has no descendant.
