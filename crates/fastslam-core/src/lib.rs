@@ -16,6 +16,8 @@ pub mod path;
 pub mod random;
 pub mod real;
 pub mod resampling;
+pub mod run;
 pub mod store;
 pub mod testing;
+pub mod timeline;
 pub mod weights;

@@ -3,6 +3,7 @@
 use super::{mixture, FastSlam};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, gaussian_in};
+use crate::measurement::MeasurementModel;
 
 /// A landmark of the estimated map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,7 +27,7 @@ pub struct MapEstimate {
     pub landmarks: Vec<MapLandmark>,
 }
 
-impl FastSlam {
+impl<M: MeasurementModel> FastSlam<M> {
     /// The pose as the particles stand.
     pub(super) fn estimate_particles(&mut self) {
         let particles = &self.particles;
@@ -86,13 +87,13 @@ impl FastSlam {
                     covariance.yy += share * (landmark.covariance.yy + d[1] * d[1]);
                 }
             }
-            landmarks.push(MapLandmark {
-                birth: known.birth,
-                identity: known.identity,
-                mean,
-                covariance,
-                sightings: sightings as u32,
-            });
+            let identity = if self.landmarks.columns() > column::IDENTITY {
+                let mark = self.landmarks.read(slot).column(column::IDENTITY)[best];
+                (mark > 0.0).then(|| mark as u32 - 1)
+            } else {
+                known.identity
+            };
+            landmarks.push(MapLandmark { birth: known.birth, identity, mean, covariance, sightings: sightings as u32 });
         }
         MapEstimate { landmarks }
     }
