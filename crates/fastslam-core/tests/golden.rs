@@ -60,6 +60,7 @@ fn outcome(algorithm: Algorithm, identities: Identities) -> Value {
     let last = output.steps.last().unwrap().pose;
     let count = output.steps.len() as f64;
     let total = |f: &dyn Fn(&fastslam_core::run::StepRecord) -> f64| output.steps.iter().map(f).sum::<f64>();
+    let pose_std = [0, 1, 2].map(|i: usize| last.covariance[i][i].sqrt());
     json!({
         "steps": output.steps.len(),
         "resamplings": output.steps.iter().filter(|s| s.info.resampled).count(),
@@ -67,7 +68,7 @@ fn outcome(algorithm: Algorithm, identities: Identities) -> Value {
         "log_evidence": total(&|s| s.info.log_likelihood),
         "mean_effective_sample_size": total(&|s| s.info.effective_sample_size) / count,
         "final_pose": last.mean.to_array(),
-        "final_pose_std": [0, 1, 2].map(|i: usize| last.covariance[i][i].sqrt()),
+        "final_pose_std": pose_std,
         "landmarks_m": output.map.landmarks.iter().map(|l| l.mean).collect::<Vec<_>>(),
     })
 }

@@ -286,7 +286,7 @@ fn any_log() -> impl Strategy<Value = Vec<(f64, f64, Vec<Sighting>)>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 1_500_000, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn no_log_makes_the_filter_panic_or_say_nonsense(
