@@ -33,7 +33,13 @@ fn sighting(n: u32, identities: Identities) -> Sighting {
     Sighting::range_bearing(range_m, bearing_rad, (identities == Identities::All).then_some(n))
 }
 
-fn filter(algorithm: Algorithm, identities: Identities, store: StoreKind, [m, k]: [u32; 2], threshold: f64) -> FastSlam {
+fn filter(
+    algorithm: Algorithm,
+    identities: Identities,
+    store: StoreKind,
+    [m, k]: [u32; 2],
+    threshold: f64,
+) -> FastSlam {
     let mut config = Config { algorithm, seed: 1, ..Config::default() };
     config.filter.particles = m;
     config.filter.store = store;
@@ -134,7 +140,10 @@ fn resampling(c: &mut Criterion) {
 }
 
 fn short() -> Criterion {
-    Criterion::default().sample_size(10).warm_up_time(Duration::from_millis(100)).measurement_time(Duration::from_millis(300))
+    Criterion::default()
+        .sample_size(10)
+        .warm_up_time(Duration::from_millis(100))
+        .measurement_time(Duration::from_millis(300))
 }
 
 criterion_group! { name = stages; config = short(); targets = motion_sampling, resampling, steps }

@@ -112,9 +112,7 @@ impl Tail {
     pub fn log_excess(self, mahalanobis_squared: f64) -> f64 {
         match self {
             Self::Gaussian => 0.0,
-            Self::StudentT(k) => {
-                0.5 * mahalanobis_squared - 0.5 * (k + 2.0) * math::ln(1.0 + mahalanobis_squared / k)
-            }
+            Self::StudentT(k) => 0.5 * mahalanobis_squared - 0.5 * (k + 2.0) * math::ln(1.0 + mahalanobis_squared / k),
         }
     }
 

@@ -246,8 +246,7 @@ fn by_looking_at_all(filter: &FastSlam, sighting: Sighting, log_new_density: f64
     let model = config.sensor.range_bearing();
     let pending = filter.pending_motion();
     let pose = filter.particles().pose(0);
-    let belief =
-        Belief { mean: pose.compose(pending.mean), covariance: pending.covariance_in_world(pose.heading) };
+    let belief = Belief { mean: pose.compose(pending.mean), covariance: pending.covariance_in_world(pose.heading) };
     let measured = Measured {
         value: sighting.value,
         noise: sighting.noise.unwrap_or(model.noise_covariance()),

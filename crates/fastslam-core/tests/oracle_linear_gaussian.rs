@@ -174,7 +174,8 @@ fn both_algorithms_agree() {
     let steps = simulate(8);
     let [one, two] = ALGORITHMS.map(|algorithm| runs(&steps, algorithm, 2000, 50));
     for i in 0..DIMENSIONS {
-        for (what, value) in [("mean", (|o: &Outcome, i| o.mean[i]) as fn(&Outcome, usize) -> f64), ("variance", |o, i| o.variance[i])]
+        for (what, value) in
+            [("mean", (|o: &Outcome, i| o.mean[i]) as fn(&Outcome, usize) -> f64), ("variance", |o, i| o.variance[i])]
         {
             let (a, error_a) = mean_and_error(one.iter().map(|o| value(o, i)));
             let (b, error_b) = mean_and_error(two.iter().map(|o| value(o, i)));
@@ -195,7 +196,8 @@ enum CorrectAt {
 
 /// FastSLAM 2.0 written out for this world, so that one line of it can be changed.
 fn fastslam2_by_hand(steps: &[Step], particles: usize, seed: u64, at: CorrectAt) -> Outcome {
-    let mut population: Vec<(Pose, Vec<Option<Gaussian>>)> = vec![(Pose::default(), vec![None; LANDMARKS.len()]); particles];
+    let mut population: Vec<(Pose, Vec<Option<Gaussian>>)> =
+        vec![(Pose::default(), vec![None; LANDMARKS.len()]); particles];
     let random = RandomSource::new(seed);
     let mut log_evidence = 0.0;
     for (t, step) in steps.iter().enumerate() {

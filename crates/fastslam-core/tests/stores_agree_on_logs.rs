@@ -40,9 +40,8 @@ fn world(seed: u64, identities: Identities) -> (LogData, Config) {
     simulation.scan.identities = identities;
     let simulated = simulate(&simulation).unwrap();
     let seen = &simulated.sightings;
-    let sighting = |i: usize| {
-        Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok())
-    };
+    let sighting =
+        |i: usize| Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok());
     let log = LogData {
         control_stamps_s: simulated.control_stamp_s.clone(),
         controls: simulated.controls.clone(),
