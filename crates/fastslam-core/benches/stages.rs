@@ -4,6 +4,8 @@
 //! `cargo bench -p fastslam-core --bench stages` in an otherwise idle machine. What is not measured: reading logs, the
 //! first sighting of each landmark, memory.
 
+#![allow(clippy::expect_used, missing_docs)] // A benchmark that cannot run says so by failing.
+
 use criterion::{criterion_group, criterion_main, BatchSize, BenchmarkId, Criterion, Throughput};
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};

@@ -1,5 +1,7 @@
 //! Changes of the input whose effect on the output is known exactly.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
+
 mod linear_world;
 
 use fastslam_core::config::{Algorithm, Config, InitialPose};

@@ -3,6 +3,8 @@
 //! R independent runs on one log differ only in the seed. Standard errors are measured from the runs themselves; a
 //! bound of 4 of them fails by chance once in 16,000 comparisons.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
+
 mod linear_world;
 
 use fastslam_core::association::Belief;

@@ -1,5 +1,7 @@
 //! Bad input, extreme settings and everything in between: an error, a counted skip or finite numbers, never a panic.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
+
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::error::Error;
 use fastslam_core::filter::{FastSlam, Identities, Sighting, Skipped};

@@ -1,5 +1,7 @@
 //! Whole runs give the same bits whichever store holds the maps.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
+
 use fastslam_core::config::{Algorithm, AssociationMode, Config};
 use fastslam_core::filter::Sighting;
 use fastslam_core::resampling::ResamplingScheme;

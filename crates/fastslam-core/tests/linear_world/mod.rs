@@ -44,7 +44,7 @@ pub fn simulate(seed: u64) -> Vec<Step> {
 }
 
 fn sightings_at(t: usize, robot: [f64; 2], stream: Stream) -> Vec<(usize, [f64; 2])> {
-    let visible = |n: &usize| t == FIRST_SEEN_AT[*n] || (t > FIRST_SEEN_AT[*n] && (t + n) % 3 != 0);
+    let visible = |n: &usize| t == FIRST_SEEN_AT[*n] || (t > FIRST_SEEN_AT[*n] && !(t + n).is_multiple_of(3));
     (0..LANDMARKS.len())
         .filter(visible)
         .map(|n| {
