@@ -175,6 +175,7 @@ fn the_evidence_is_unbiased_with_few_particles_and_every_resampling_scheme() {
 fn both_algorithms_agree() {
     let steps = simulate(8);
     let [one, two] = ALGORITHMS.map(|algorithm| runs(&steps, algorithm, 2000, 50));
+    // FastSLAM 1.0 lacks a little more variance; with 2000 particles less than a hundredth.
     for i in 0..DIMENSIONS {
         for (what, value) in
             [("mean", (|o: &Outcome, i| o.mean[i]) as fn(&Outcome, usize) -> f64), ("variance", |o, i| o.variance[i])]

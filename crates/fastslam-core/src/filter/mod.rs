@@ -284,8 +284,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         let count = self.particles.len();
         info.effective_sample_size = self.weights.effective_sample_size;
         let settings = &self.config.filter.resampling;
-        let wanted = settings.threshold >= 1.0 && info.sightings > 0;
-        if !wanted && self.weights.effective_sample_size >= settings.threshold * count as f64 {
+        // Without sightings the weights are what they were, but for rounding.
+        let low = settings.threshold >= 1.0 || info.effective_sample_size < settings.threshold * count as f64;
+        if info.sightings == 0 || !low {
             return false;
         }
         let stream = self.random.stream(Purpose::Resampling, self.samplings);
