@@ -242,19 +242,19 @@ enum Decided {
 }
 
 /// What one particle should decide about a single sighting, by looking at every landmark of its map.
-fn by_looking_at_all(filter: &FastSlam, sighting: Sighting, log_new_density: f64) -> Decided {
+fn by_looking_at_all(filter: &FastSlam, particle: usize, sighting: Sighting, log_new_density: f64) -> Decided {
     let config = filter.config();
     let gate = -2.0 * (1.0 - config.association.gate_probability).ln();
     let model = config.sensor.range_bearing();
     let pending = filter.pending_motion();
-    let pose = filter.particles().pose(0);
+    let pose = filter.particles().pose(particle);
     let belief = Belief { mean: pose.compose(pending.mean), covariance: pending.covariance_in_world(pose.heading) };
     let measured = Measured {
         value: sighting.value,
         noise: sighting.noise.unwrap_or(model.noise_covariance()),
         tail: Tail::from_degrees_of_freedom(config.sensor.tail_degrees_of_freedom),
     };
-    let fits = filter.map_of(0).into_iter().map(|(birth, mean, covariance)| {
+    let fits = filter.map_of(particle).into_iter().map(|(birth, mean, covariance)| {
         let landmark = Gaussian { mean, covariance };
         (birth, belief.clone().refine(&model, config.sensor.mounting.T_robot_sensor(), &landmark, &measured))
     });
@@ -264,6 +264,14 @@ fn by_looking_at_all(filter: &FastSlam, sighting: Sighting, log_new_density: f64
         Some((birth, fit)) if fit.mahalanobis_squared <= gate => Decided::Landmark(birth),
         Some(_) => Decided::Ignored,
         None => Decided::New,
+    }
+}
+
+fn count_as(decided: Decided) -> usize {
+    match decided {
+        Decided::Landmark(_) => 0,
+        Decided::New => 1,
+        Decided::Ignored => 2,
     }
 }
 
@@ -296,16 +304,12 @@ fn compare_with_brute_force(mut config: Config, own_noise: bool) -> [u32; 3] {
             let scale = 10.0_f64.powf(4.0 * stream.uniform(0, 2) - 2.0);
             sighting.noise = Some(Symmetric2::new(0.01 * scale, 0.0, 4e-4 * scale));
         }
-        let expected = by_looking_at_all(&filter, sighting, density.ln());
+        let expected = by_looking_at_all(&filter, 0, sighting, density.ln());
         let before = filter.map_of(0);
         filter.update(f64::from(step), &[sighting]).unwrap();
         let got = decided(&before, &filter.map_of(0));
         assert_eq!(got, expected, "step {step} with {} landmarks, {sighting:?}", before.len());
-        seen[match got {
-            Decided::Landmark(_) => 0,
-            Decided::New => 1,
-            Decided::Ignored => 2,
-        }] += 1;
+        seen[count_as(got)] += 1;
     }
     seen
 }
@@ -328,4 +332,35 @@ fn the_spatial_index_hides_no_landmark_that_would_have_been_chosen() {
         }
     }
     assert_eq!(cases, 8);
+}
+
+#[test]
+fn decisions_follow_their_particles_through_resampling() {
+    // Poses spread by 2 m, so that particles decide differently; then the step itself resamples. In FastSLAM 1.0 a
+    // position names the ancestor.
+    // A quarter of the density at the middle of the landmark, so that new ones survive beside it.
+    let density = 2.0;
+    let mut config = config(Algorithm::Fastslam1, 60);
+    config.motion = Motion::Increments(Increments { x_std_m: 2.0, y_std_m: 0.0, heading_std_rad: 0.0 });
+    config.filter.resampling.threshold = 1.0;
+    config.sensor.range_std_m = 0.5;
+    config.association.new_landmark_density = Some(density);
+    let mut filter = FastSlam::new(config, Identities::None).unwrap();
+    filter.update(0.0, &[unlabelled(5.0, 0.0)]).unwrap();
+    filter.predict([0.0; 3], 1.0).unwrap();
+    let sighting = unlabelled(5.0, 0.0);
+    let before: Vec<_> = (0..60)
+        .map(|i| (filter.particles().x[i], filter.map_of(i), by_looking_at_all(&filter, i, sighting, density.ln())))
+        .collect();
+    assert!(filter.update(1.0, &[sighting]).unwrap().resampled);
+    let mut seen = [0; 3];
+    for i in 0..60 {
+        let x = filter.particles().x[i];
+        let (_, map, expected) = before.iter().find(|(before, ..)| *before == x).expect("an ancestor");
+        let got = decided(map, &filter.map_of(i));
+        assert_eq!(got, *expected, "particle {i}");
+        seen[count_as(got)] += 1;
+    }
+    println!("{seen:?}");
+    assert!(seen[0] >= 5 && seen[1] >= 5, "landmark, new, ignored: {seen:?}");
 }
