@@ -20,4 +20,5 @@ pub mod run;
 pub mod store;
 pub mod testing;
 pub mod timeline;
+pub mod vector;
 pub mod weights;
