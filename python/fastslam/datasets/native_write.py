@@ -1,0 +1,134 @@
+"""Writes a `Log` as a native log folder, such that reading it gives the same arrays back."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from ..errors import DataError
+from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
+
+HEADERS = {
+    "velocity": ("stamp_s", "speed_m_per_s", "yaw_rate_rad_per_s"),
+    "ackermann": ("stamp_s", "speed_m_per_s", "steering_rad"),
+    "odometry": ("stamp_s", "dx_m", "dy_m", "dheading_rad"),
+    "increments": ("stamp_s", "dx_m", "dy_m", "dheading_rad"),
+}
+
+
+def write_native(log: Log, folder: Path | str) -> Path:
+    """Write a log as a native folder and return the folder.
+
+    All numbers are written so that they read back bit for bit; only true headings pass through a quaternion
+    and may differ in the last digits. Errors: DataError when the folder holds files already, the log has no
+    motion or sensor settings, or a name could not be read back (empty, surrounding blanks, line breaks).
+    """
+    folder = Path(folder)
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise DataError("exists and is not an empty folder: choose another", folder)
+    model = log.config.get("motion", {}).get("model")
+    if model not in HEADERS or "sensor" not in log.config:
+        raise DataError(f"log {log.name} has no motion model and sensor settings to write", folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    odometry = np.column_stack([log.controls.stamp_s, log.controls.values])
+    _write_csv(folder / "odometry.csv", HEADERS[model], odometry.tolist())
+    _write_sightings(log, folder / "sightings.csv")
+    if log.truth_trajectory is not None:
+        _write_atomically(folder / "truth_trajectory.tum", _tum(log.truth_trajectory))
+    if log.truth_landmarks is not None:
+        names = _checked(log.truth_landmarks.names, folder)
+        positions = log.truth_landmarks.position_m.tolist()
+        rows = [(name, *position) for name, position in zip(names, positions, strict=True)]
+        _write_csv(folder / "truth_landmarks.csv", ("id", "x_m", "y_m"), rows)
+    if log.position_fixes is not None:
+        fixes = np.column_stack([log.position_fixes.stamp_s, log.position_fixes.position_m])
+        _write_csv(folder / "position_fixes.csv", ("stamp_s", "x_m", "y_m"), fixes.tolist())
+    text = yaml.safe_dump(_settings(log), sort_keys=False, allow_unicode=True)
+    _write_atomically(folder / "log.yaml", text)
+    return folder
+
+
+def _settings(log: Log) -> dict[str, Any]:
+    settings: dict[str, Any] = {"format_version": 1, "name": log.name}
+    for key in ("motion", "sensor", "association", "initial_pose"):
+        if key in log.config:
+            settings[key] = _plain(log.config[key])
+    if log.truth_landmarks is not None and not log.truth_landmarks.complete:
+        settings["truth_landmarks_complete"] = False
+    return settings
+
+
+def _plain(value: Any) -> Any:
+    """The same value without NumPy types, which YAML does not know."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _write_sightings(log: Log, path: Path) -> None:
+    sightings = log.sightings
+    header = ["stamp_s", "range_m", "bearing_rad"]
+    columns: list[Sequence[object]] = [
+        sightings.stamp_s.tolist(),
+        sightings.range_m.tolist(),
+        sightings.bearing_rad.tolist(),
+    ]
+    if log.identity_names:
+        header.append("landmark_id")
+        columns.append(_names(sightings.identity, _checked(log.identity_names, path)))
+    if log.class_names:
+        header.append("class")
+        columns.append(_names(sightings.class_index, _checked(log.class_names, path)))
+    if _has_signature(sightings):
+        header.append("signature")
+        columns.append(["" if value != value else value for value in sightings.signature.tolist()])
+    _write_csv(path, header, zip(*columns, strict=True))
+
+
+def _has_signature(sightings: Sightings) -> bool:
+    return not bool(np.isnan(sightings.signature).all())
+
+
+def _names(indices: Ints, names: Sequence[str]) -> list[str]:
+    return ["" if index < 0 else names[index] for index in indices.tolist()]
+
+
+def _checked(names: Sequence[str], path: Path) -> Sequence[str]:
+    for name in names:
+        if not name or name != name.strip() or not name.isprintable():
+            raise DataError(f"name {name!r} is empty, has blanks around it or cannot be printed", path)
+    return names
+
+
+def _tum(truth: TruthTrajectory) -> str:
+    heading = truth.T_world_robot[:, 2]
+    known = truth.heading_known
+    qz = np.sin(heading / 2) if known else np.zeros(len(heading))
+    qw = np.cos(heading / 2) if known else np.zeros(len(heading))
+    rows: Floats = np.column_stack([truth.stamp_s, truth.T_world_robot[:, :2], qz, qw])
+    lines = [f"{t!r} {x!r} {y!r} 0 0 0 {z!r} {w!r}" for t, x, y, z, w in rows.tolist()]
+    return "\n".join(["# stamp_s x_m y_m z_m qx qy qz qw", *lines]) + "\n"
+
+
+def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Floats are written by `repr`, which reads back bit for bit."""
+    temporary = path.with_name(f".{path.name}.part")
+    with temporary.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+    os.replace(temporary, path)
+
+
+def _write_atomically(path: Path, text: str) -> None:
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, path)

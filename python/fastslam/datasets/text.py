@@ -1,0 +1,117 @@
+"""Reading text tables: fast when they are well formed, with the file and line of the fault when not."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import DataError
+from ..log import Floats, Ints
+
+CUT_OFF_HINT = " (the last line has no line end: the file seems cut off)"
+
+
+def find_file(folder: Path, name: str) -> Path | None:
+    """The file of that name in a folder, or its gzip-compressed form, or None."""
+    for candidate in (folder / name, folder / f"{name}.gz"):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def require_file(folder: Path, name: str) -> Path:
+    """Like `find_file`. Errors: DataError when there is neither form."""
+    found = find_file(folder, name)
+    if found is None:
+        raise DataError(f"the file {name} (or {name}.gz) is missing", folder)
+    return found
+
+
+def read_text(path: Path) -> str:
+    """The text of a UTF-8 file, plain or gzip-compressed (by its suffix), without a byte-order mark.
+
+    Errors: DataError for a file that cannot be opened, is cut off or is not text.
+    """
+    try:
+        data = path.read_bytes()
+        if path.suffix == ".gz":
+            data = gzip.decompress(data)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise DataError(f"the gzip file is damaged or cut off ({error})", path) from error
+    except OSError as error:
+        raise DataError(f"cannot be read ({error.strerror})", path) from error
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise DataError("is not UTF-8 text", path, line) from error
+
+
+def read_table(path: Path, columns: int, *, delimiter: str | None = None, header_lines: int = 0) -> Floats:
+    """A table of numbers; `#` starts a comment and blank lines are skipped.
+
+    Shapes: (rows, columns). Without `delimiter`, columns are separated by spaces and tabs. Errors: DataError
+    with the line of the first value that is no number or row of another width, or for no rows at all.
+    """
+    text = read_text(path)
+    lines = text.splitlines()[header_lines:]
+    filled = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if not filled:
+        raise DataError("holds no rows of data", path)
+    try:
+        table = np.loadtxt(io.StringIO("\n".join(filled)), ndmin=2, delimiter=delimiter)
+    except ValueError as error:
+        raise _first_fault(path, text, columns, delimiter, header_lines) from error
+    if table.shape[1] != columns:
+        raise _first_fault(path, text, columns, delimiter, header_lines)
+    return table
+
+
+def line_of_row(path: Path, row: int, *, header_lines: int = 0) -> int:
+    """Line of the file, from 1, that holds row `row` (from 0) of the table that `read_table` gives."""
+    lines = read_text(path).splitlines()
+    filled = [
+        number
+        for number, line in enumerate(lines[header_lines:], start=header_lines + 1)
+        if line.split("#", 1)[0].strip()
+    ]
+    return filled[row]
+
+
+def whole_numbers(path: Path, column: Floats) -> Ints:
+    """A column of `read_table` as integers. Errors: DataError with the line of the first that is none."""
+    whole = np.isfinite(column) & (column == np.round(column))
+    if not whole.all():
+        row = int(np.argmin(whole))
+        message = f"got '{column[row]:g}', expected a whole number"
+        raise DataError(message, path, line_of_row(path, row))
+    return column.astype(np.int64)
+
+
+def _first_fault(path: Path, text: str, columns: int, delimiter: str | None, header_lines: int) -> DataError:
+    lines = text.splitlines()
+    for number, line in enumerate(lines[header_lines:], start=header_lines + 1):
+        content = line.split("#", 1)[0]
+        if not content.strip():
+            continue
+        fields = content.split(delimiter)
+        if len(fields) != columns:
+            hint = CUT_OFF_HINT if number == len(lines) and not text.endswith("\n") else ""
+            return DataError(f"got {len(fields)} columns, expected {columns}{hint}", path, number)
+        for column_number, value in enumerate(fields, start=1):
+            if not is_number(value):
+                return DataError(f"column {column_number}: got '{value}', expected a number", path, number)
+    return DataError(f"is no table of {columns} columns of numbers", path)
+
+
+def is_number(value: str) -> bool:
+    """Whether a field reads as a floating-point number (NaN and infinity included, Python's `1_000` not)."""
+    try:
+        float(value)
+    except ValueError:
+        return False
+    return "_" not in value

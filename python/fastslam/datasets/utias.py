@@ -1,0 +1,152 @@
+"""UTIAS MR.CLAM: five robots among fifteen barcode cylinders; any one robot is a log with known identities.
+
+Times are Unix seconds. Quirks handled: measurements carry barcodes, mapped through the data set's own
+table; readings of other robots and of barcodes in no table are dropped; odometry rows that repeat a stamp
+are dropped. In data set 1 (told by the folder's name, `...Dataset1`) the table swaps the barcodes of
+subjects 11 and 17: the data of all five robots says 11 -> 61 and 17 -> 18. Truth is the motion-capture path
+where the file is there, else the averages per second that third parties made for data set 1 (the mean over
+half a second to either side of its stamp): positions only, since their headings are wrong where they wrap.
+
+The noise was measured on data set 6: odometry error grows like white noise of about 0.011 m/s and 0.035
+rad/s held for a second; ranges spread by 0.08-0.18 m, bearings by 0.01 rad with heavy tails.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import DataError
+from ..log import Floats, Ints, Log, Problem, Sightings, TruthLandmarks, TruthTrajectory
+from .clean import clean_controls, clean_sightings
+from .options import LoadOptions
+from .planar import wrap_to_pi
+from .text import find_file, read_table, require_file, whole_numbers
+
+ROBOTS = range(1, 6)
+AVERAGES = "third_party_groundtruth_1hz"
+FIELD_OF_VIEW_RAD = 1.2
+"""All bearings lie within +-0.592 rad."""
+
+
+def matches(path: Path) -> bool:
+    """A folder with `Barcodes.dat` and the odometry of at least one robot."""
+    return path.is_dir() and find_file(path, "Barcodes.dat") is not None and len(_robots(path)) > 0
+
+
+def load(path: Path, options: LoadOptions) -> Log:
+    """Read one robot (1 unless given). Errors: DataError for a robot that is not there or a faulty file."""
+    robot = 1 if options.robot is None else options.robot
+    if robot not in _robots(path):
+        there = ", ".join(str(number) for number in _robots(path)) or "none"
+        raise DataError(f"has no robot {robot}; robots there: {there}", path)
+    landmark_file = require_file(path, "Landmark_Groundtruth.dat")
+    landmarks = read_table(landmark_file, 5)
+    subjects = whole_numbers(landmark_file, landmarks[:, 0]).tolist()
+    odometry_file = require_file(path, f"Robot{robot}_Odometry.dat")
+    measurement_file = require_file(path, f"Robot{robot}_Measurement.dat")
+    odometry = read_table(odometry_file, 3)
+    controls, control_problems = clean_controls(odometry[:, 0], odometry[:, 1:], path=odometry_file)
+    subject_of_barcode, table_problems = _barcodes(path)
+    raw, drop_problems = _sightings(read_table(measurement_file, 4), subject_of_barcode, subjects)
+    sightings, sighting_problems = clean_sightings(raw, path=measurement_file)
+    truth = _truth_trajectory(path, robot)
+    names = tuple(str(subject) for subject in subjects)
+    return Log(
+        name=f"{path.resolve().name}_robot{robot}",
+        source=str(path),
+        format="utias",
+        controls=controls,
+        sightings=sightings,
+        identity_names=names,
+        truth_trajectory=truth,
+        truth_landmarks=TruthLandmarks(names, landmarks[:, 1:3]),
+        config=_config(truth, float(controls.stamp_s[0])),
+        problems=table_problems + control_problems + drop_problems + sighting_problems,
+    )
+
+
+def _robots(path: Path) -> tuple[int, ...]:
+    return tuple(number for number in ROBOTS if find_file(path, f"Robot{number}_Odometry.dat") is not None)
+
+
+def _barcodes(path: Path) -> tuple[dict[float, int], tuple[Problem, ...]]:
+    file = require_file(path, "Barcodes.dat")
+    subjects, barcodes = (whole_numbers(file, column) for column in read_table(file, 2).T)
+    barcode_of_subject = dict(zip(subjects.tolist(), barcodes.tolist(), strict=True))
+    is_first_set = re.search(r"dataset_?1$", path.resolve().name, re.IGNORECASE) is not None
+    problems: tuple[Problem, ...] = ()
+    if is_first_set and (barcode_of_subject.get(11), barcode_of_subject.get(17)) == (18, 61):
+        barcode_of_subject[11], barcode_of_subject[17] = 61, 18
+        message = "barcodes of subjects 11 and 17, swapped in the table of data set 1: put right"
+        problems = (Problem(message, 2),)
+    return {float(barcode): subject for subject, barcode in barcode_of_subject.items()}, problems
+
+
+def _sightings(
+    rows: Floats, subject_of_barcode: dict[float, int], landmark_subjects: list[int]
+) -> tuple[Sightings, tuple[Problem, ...]]:
+    identity_of_subject = {subject: index for index, subject in enumerate(landmark_subjects)}
+    subject = np.array(
+        [subject_of_barcode.get(barcode, -1) for barcode in rows[:, 1].tolist()], dtype=np.int64
+    )
+    identity: Ints = np.array([identity_of_subject.get(n, -1) for n in subject.tolist()], dtype=np.int64)
+    kept = identity >= 0
+    unknown, others = int(np.sum(subject == -1)), int(np.sum((subject != -1) & ~kept))
+    sightings = Sightings(
+        stamp_s=rows[kept, 0],
+        range_m=rows[kept, 2],
+        bearing_rad=rows[kept, 3],
+        identity=identity[kept],
+        class_index=np.full(int(kept.sum()), -1, dtype=np.int64),
+        signature=np.full(int(kept.sum()), np.nan),
+    )
+    problems = (
+        Problem("sightings of other robots: dropped", others),
+        Problem("sightings of unknown barcodes: dropped", unknown),
+    )
+    return sightings, tuple(problem for problem in problems if problem.count)
+
+
+def _truth_trajectory(path: Path, robot: int) -> TruthTrajectory | None:
+    file = find_file(path, f"Robot{robot}_Groundtruth.dat")
+    if file is not None:
+        rows = read_table(file, 4)
+        rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
+        return TruthTrajectory(rows[:, 0], rows[:, 1:])
+    averages = find_file(path / AVERAGES, f"Cleaned_Robot{robot}_Groundtruth.csv")
+    if averages is None:
+        return None
+    rows = read_table(averages, 4, delimiter=",", header_lines=1)
+    unknown_heading = np.full(len(rows), np.nan)
+    return TruthTrajectory(rows[:, 0], np.column_stack([rows[:, 1:3], unknown_heading]), heading_known=False)
+
+
+def _config(truth: TruthTrajectory | None, start_s: float) -> dict[str, Any]:
+    config: dict[str, Any] = {
+        "motion": {
+            "model": "velocity",
+            "speed_std_m_per_s": 0.015,
+            "yaw_rate_std_rad_per_s": 0.04,
+            "noise_period_s": 1.0,
+        },
+        "sensor": {
+            "model": "range_bearing",
+            "range_std_m": 0.15,
+            "bearing_std_rad": 0.03,
+            "field_of_view_rad": FIELD_OF_VIEW_RAD,
+        },
+    }
+    if truth is not None and truth.heading_known:
+        start = _pose_at(truth, start_s)
+        config["initial_pose"] = {"x_m": start[0], "y_m": start[1], "heading_rad": start[2]}
+    return config
+
+
+def _pose_at(truth: TruthTrajectory, stamp_s: float) -> tuple[float, float, float]:
+    x, y = (float(np.interp(stamp_s, truth.stamp_s, truth.T_world_robot[:, axis])) for axis in (0, 1))
+    heading = np.interp(stamp_s, truth.stamp_s, np.unwrap(truth.T_world_robot[:, 2]))
+    return x, y, float(wrap_to_pi(np.asarray(heading)))
