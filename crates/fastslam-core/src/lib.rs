@@ -3,6 +3,7 @@
 //! Each particle carries a robot path and, given the path, one small Gaussian per landmark. This crate holds all the
 //! mathematics and nothing else: no files, no clock, no global state, no randomness that is not a function of the seed.
 
+pub mod detect;
 pub mod error;
 pub mod geometry;
 pub mod math;
