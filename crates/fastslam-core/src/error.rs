@@ -64,7 +64,7 @@ impl std::error::Error for Error {}
 pub type Result<T> = std::result::Result<T, Error>;
 
 /// `value` if it is finite and positive, else an error that names `key`.
-pub(crate) fn positive(key: &str, value: f64) -> Result<f64> {
+pub fn positive(key: &str, value: f64) -> Result<f64> {
     if value.is_finite() && value > 0.0 {
         Ok(value)
     } else {
@@ -73,7 +73,7 @@ pub(crate) fn positive(key: &str, value: f64) -> Result<f64> {
 }
 
 /// `value` if it is finite and not negative, else an error that names `key`.
-pub(crate) fn non_negative(key: &str, value: f64) -> Result<f64> {
+pub fn non_negative(key: &str, value: f64) -> Result<f64> {
     if value.is_finite() && value >= 0.0 {
         Ok(value)
     } else {
@@ -82,7 +82,7 @@ pub(crate) fn non_negative(key: &str, value: f64) -> Result<f64> {
 }
 
 /// `value` if it is finite, else an error that names `key`.
-pub(crate) fn finite(key: &str, value: f64) -> Result<f64> {
+pub fn finite(key: &str, value: f64) -> Result<f64> {
     if value.is_finite() {
         Ok(value)
     } else {

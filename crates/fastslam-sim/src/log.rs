@@ -1,0 +1,120 @@
+//! The outcome of a simulation.
+
+use crate::config::SimulationConfig;
+use crate::vehicle::Drive;
+use crate::world::Scene;
+use fastslam_core::measurement::Sensor;
+use fastslam_core::motion::{ControlTiming, Motion};
+
+/// A log with its truth, column by column.
+#[derive(Clone, Debug)]
+pub struct SimulatedLog {
+    /// Names of the columns of `controls`.
+    pub control_columns: &'static [&'static str],
+    /// Stamp of each row of odometry. Held controls: when the row begins to act; increments: when its motion ends.
+    pub control_stamp_s: Vec<f64>,
+    /// Recorded odometry, with noise; only the first `control_columns.len()` numbers of a row count.
+    pub controls: Vec<[f64; 3]>,
+    /// The same rows without noise: replayed from the first true pose they give the true path.
+    pub true_controls: Vec<[f64; 3]>,
+    /// What the sensor reported.
+    pub sightings: SimulatedSightings,
+    /// Stamp of each true pose: the beginning and the end of each control period.
+    pub truth_stamp_s: Vec<f64>,
+    /// True (x, y, heading) at each stamp.
+    pub T_world_robot: Vec<[f64; 3]>,
+    /// The landmarks.
+    pub landmarks: SimulatedLandmarks,
+    /// Names of the classes.
+    pub class_names: Vec<String>,
+    /// The motion model that a filter should be told.
+    pub motion: Motion,
+    /// The sensor that a filter should be told.
+    pub sensor: Sensor,
+}
+
+/// Sightings in order of time and, within a scan, of bearing.
+#[derive(Clone, Debug, Default)]
+pub struct SimulatedSightings {
+    /// When.
+    pub stamp_s: Vec<f64>,
+    /// Distance from the sensor.
+    pub range_m: Vec<f64>,
+    /// Direction in the frame of the sensor.
+    pub bearing_rad: Vec<f64>,
+    /// Index of the landmark, −1 where it is withheld and for false sightings.
+    pub identity: Vec<i64>,
+    /// Index of the landmark, −1 for false sightings: for scoring, not for the filter.
+    pub true_identity: Vec<i64>,
+    /// Reported class, −1 for none.
+    pub class_index: Vec<i64>,
+    /// Measured signature in metres, NaN for none.
+    pub signature: Vec<f64>,
+}
+
+impl SimulatedSightings {
+    /// Number of sightings.
+    pub fn len(&self) -> usize {
+        self.stamp_s.len()
+    }
+
+    /// Whether nothing was sighted.
+    pub fn is_empty(&self) -> bool {
+        self.stamp_s.is_empty()
+    }
+}
+
+/// True landmarks, by index.
+#[derive(Clone, Debug, Default)]
+pub struct SimulatedLandmarks {
+    /// Positions in the world.
+    pub position_m: Vec<[f64; 2]>,
+    /// True class, −1 for none.
+    pub class_index: Vec<i64>,
+    /// True signature in metres, NaN for none.
+    pub signature: Vec<f64>,
+    /// Whether any sighting of it is in the log.
+    pub seen: Vec<bool>,
+}
+
+/// What the stages of a simulation made.
+pub struct Parts {
+    /// The landmarks.
+    pub world: Scene,
+    /// The true path.
+    pub drive: Drive,
+    /// The recorded odometry.
+    pub controls: Vec<[f64; 3]>,
+    /// The sightings.
+    pub sightings: SimulatedSightings,
+    /// Whether each landmark was ever sighted.
+    pub seen: Vec<bool>,
+}
+
+/// The log of all parts, with stamps.
+pub fn assemble(config: &SimulationConfig, parts: Parts) -> SimulatedLog {
+    let Parts { world, drive, controls, sightings, seen } = parts;
+    let stamp_s = |index: usize| index as f64 * config.control_period_s;
+    let first = match config.motion.timing() {
+        ControlTiming::Held => 0,
+        ControlTiming::Increment => 1,
+    };
+    SimulatedLog {
+        control_columns: config.motion.control_columns(),
+        control_stamp_s: (first..first + controls.len()).map(stamp_s).collect(),
+        controls,
+        true_controls: drive.controls,
+        sightings,
+        truth_stamp_s: (0..drive.poses.len()).map(stamp_s).collect(),
+        T_world_robot: drive.poses.iter().map(|pose| pose.to_array()).collect(),
+        landmarks: SimulatedLandmarks {
+            position_m: world.position_m,
+            class_index: world.class_index,
+            signature: world.signature,
+            seen,
+        },
+        class_names: world.class_names,
+        motion: config.motion.clone(),
+        sensor: config.sensor.clone(),
+    }
+}
