@@ -75,7 +75,8 @@ pub(super) fn algebraic(points: &[[f64; 2]]) -> Option<([f64; 2], f64)> {
 /// of the radius.
 ///
 /// A distance has the variance of its range seen at the incidence of the beam: σ_r² cos²φ + (r σ_b sin φ)² plus that of
-/// the surface. A range error ε moves the point by ε cos φ across the circle and, to second order, by ε² sin²φ / 2R
+/// the surface. The incidence φ comes from how far the beam passes the centre, which the error of its range does not
+/// change: were it taken from the point, near points would weigh less than far ones. A range error ε moves the point by ε cos φ across the circle and, to second order, by ε² sin²φ / 2R
 /// outwards; that mean is taken off, or near circles would come out too large.
 pub(super) fn refine(arc: &Arc, start: ([f64; 2], f64), noise: &Noise) -> Option<Circle> {
     let (mut center, mut radius) = start;
@@ -116,9 +117,9 @@ fn add_points(arc: &Arc, (center, radius): ([f64; 2], f64), noise: &Noise, norma
         let distance = norm(to_point).max(1e-12);
         let range_squared = p[0] * p[0] + p[1] * p[1];
         let unit = [to_point[0] / distance, to_point[1] / distance];
-        let dot = unit[0] * p[0] + unit[1] * p[1];
-        let cos_squared = (dot * dot / range_squared.max(1e-12)).min(1.0);
-        let sin_squared = 1.0 - cos_squared;
+        let across = center[0] * p[1] - center[1] * p[0];
+        let sin_squared = (across * across / (range_squared * radius * radius).max(1e-12)).min(1.0);
+        let cos_squared = 1.0 - sin_squared;
         let variance = range_variance * cos_squared
             + range_squared * beam_variance * sin_squared
             + noise.roughness_std_m * noise.roughness_std_m;
