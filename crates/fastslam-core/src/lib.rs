@@ -3,9 +3,13 @@
 //! Each particle carries a robot path and, given the path, one small Gaussian per landmark. This crate holds all the
 //! mathematics and nothing else: no files, no clock, no global state, no randomness that is not a function of the seed.
 
+pub mod association;
+pub mod config;
 pub mod detect;
 pub mod error;
+pub mod filter;
 pub mod geometry;
+pub mod landmark;
 pub mod math;
 pub mod measurement;
 pub mod motion;
@@ -13,6 +17,8 @@ pub mod path;
 pub mod random;
 pub mod real;
 pub mod resampling;
+pub mod run;
 pub mod store;
 pub mod testing;
+pub mod timeline;
 pub mod weights;

@@ -1,1 +1,21 @@
-//! Python bindings.
+//! Python bindings: convert, validate, map errors; no arithmetic.
+
+mod arrays;
+mod config;
+mod filter;
+mod run;
+
+use pyo3::prelude::*;
+
+/// The compiled part of `fastslam`.
+#[pymodule]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add("build_profile", if cfg!(debug_assertions) { "debug" } else { "release" })?;
+    module.add_function(wrap_pyfunction!(config::resolve_config, module)?)?;
+    module.add_function(wrap_pyfunction!(config::config_schema, module)?)?;
+    module.add_function(wrap_pyfunction!(config::control_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(run::run, module)?)?;
+    module.add_class::<filter::Filter>()?;
+    Ok(())
+}

@@ -13,6 +13,7 @@ mod path;
 mod presets;
 mod scan;
 mod trajectory;
+mod validate;
 mod vehicle;
 mod world;
 

@@ -122,8 +122,9 @@ fn line(path: &Line, scene: &Scene) -> Result<Points> {
     Ok((0..=pieces as usize)
         .map(|i| {
             let x = length * i as f64 / pieces;
+            // The cosine: the path begins along the field, not across it.
             let phase = (x / path.sway_period_m).fract();
-            [min[0] + x, middle + path.sway_m * sin_cos(TAU * phase).0]
+            [min[0] + x, middle + path.sway_m * sin_cos(TAU * phase).1]
         })
         .collect())
 }

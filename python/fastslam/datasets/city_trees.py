@@ -91,6 +91,8 @@ def _read_graph(file: Path) -> Graph:
         except ValueError:
             wrong = next(value for value in values if not is_number(value))
             raise DataError(f"{kind}: got '{wrong}', expected a number", file, number) from None
+        if not np.isfinite(numbers).all():
+            raise DataError(f"{kind}: got NaN or infinity, expected finite numbers", file, number)
         if kind == "EDGE2" and (numbers[0], numbers[1]) != (len(edges), len(edges) + 1):
             raise DataError(f"EDGE2: got poses {values[0]} {values[1]}, expected consecutive", file, number)
         if kind == "LANDMARK" and not (0 <= numbers[0] <= len(edges) and numbers[0].is_integer()):

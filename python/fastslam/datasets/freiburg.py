@@ -85,6 +85,8 @@ def _read_rows(file: Path) -> tuple[Floats, Floats]:
             raise DataError(f"{fields[0]}: got '{wrong[0]}', expected a number", file, number)
         values = [float(value) for value in fields[1:]]
         if fields[0] == "ODOMETRY":
+            if not np.isfinite(values).all():
+                raise DataError("ODOMETRY: got NaN or infinity, expected finite numbers", file, number)
             odometry.append(values)
         elif not values[0].is_integer():
             raise DataError(f"SENSOR: got landmark '{fields[1]}', expected a whole number", file, number)

@@ -7,7 +7,6 @@ only where `true_valid` is 1. The noise is the authors' own.
 
 from __future__ import annotations
 
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,8 @@ from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
 
 DEFAULT_MAX_RANGE_M = 5.6
-FIELD_OF_VIEW_RAD = 2 * 2.09
+FIELD_OF_VIEW_RAD = 4.2
+"""All bearings lie within +-2.096 rad."""
 _TRUTH = ("l", "x_true", "y_true", "th_true", "true_valid")
 _VARIANCES = ("r_var", "b_var", "v_var", "om_var")
 VARIABLES = frozenset(("t", "r", "b", "v", "om", "d", *_TRUTH, *_VARIANCES))
@@ -68,21 +68,20 @@ def _candidates(path: Path) -> list[Path]:
 def _variables(file: Path) -> frozenset[str]:
     try:
         return frozenset(name for name, _, _ in scipy.io.whosmat(file))
-    except (ValueError, OSError, EOFError, NotImplementedError, TypeError, zlib.error):
+    except Exception:  # SciPy raises errors of a dozen kinds for files that are no MATLAB files
         return frozenset()
 
 
 def _read_mat(path: Path) -> dict[str, Any]:
     try:
         data: dict[str, Any] = scipy.io.loadmat(path)
-    except (ValueError, TypeError, OSError, EOFError, zlib.error) as error:
-        raise DataError(f"the MATLAB file is damaged or cut off ({error})", path) from error
+    except Exception as error:  # as above: any kind, for a damaged file
+        reason = " ".join(str(error).split())
+        raise DataError(f"the MATLAB file is damaged or cut off ({reason})", path) from error
     rows, tubes = data["r"].shape
-    shapes = {name: (rows, 1) for name in ("t", "v", "om", *_TRUTH[1:])} | {
-        "b": (rows, tubes),
-        "l": (tubes, 2),
-    }
+    shapes = {name: (rows, 1) for name in ("t", "v", "om", *_TRUTH[1:])}
     shapes |= {name: (1, 1) for name in ("d", *_VARIANCES)}
+    shapes |= {"b": (rows, tubes), "l": (tubes, 2)}
     for name, shape in shapes.items():
         if data[name].shape != shape:
             raise DataError(f"variable {name}: got shape {data[name].shape}, expected {shape}", path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from .csv_table import CsvTable, check_columns, read_csv
 from .options import LoadOptions
 from .planar import increments_between
 from .text import line_of_row, read_table, read_text
+from .yaml12 import read_yaml
 
 FILES = ("log.yaml", "odometry.csv", "sightings.csv")
 FORMAT_VERSION = 1
@@ -81,18 +81,9 @@ def _folder(path: Path) -> Path:
     return path.parent if path.name == "log.yaml" and path.is_file() else path
 
 
-class _Yaml12Loader(yaml.SafeLoader):
-    """Reads `1e-3` as a number, as YAML 1.2 does and people expect."""
-
-
-_Yaml12Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"), list("-+.0123456789")
-)
-
-
 def _read_settings(path: Path) -> dict[str, Any]:
     try:
-        settings = yaml.load(read_text(path), Loader=_Yaml12Loader)
+        settings = read_yaml(read_text(path))
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         reason = getattr(error, "problem", None) or "cannot be parsed"

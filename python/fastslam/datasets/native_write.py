@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
+from .yaml12 import write_yaml
 
 HEADERS = {
     "velocity": ("stamp_s", "speed_m_per_s", "yaw_rate_rad_per_s"),
@@ -30,28 +30,34 @@ def write_native(log: Log, folder: Path | str) -> Path:
     motion or sensor settings, or a name could not be read back (empty, surrounding blanks, line breaks).
     """
     folder = Path(folder)
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise DataError("exists and is not an empty folder: choose another", folder)
-    model = log.config.get("motion", {}).get("model")
-    if model not in HEADERS or "sensor" not in log.config:
-        raise DataError(f"log {log.name} has no motion model and sensor settings to write", folder)
+    _check(log, folder)
     folder.mkdir(parents=True, exist_ok=True)
     odometry = np.column_stack([log.controls.stamp_s, log.controls.values])
-    _write_csv(folder / "odometry.csv", HEADERS[model], odometry.tolist())
+    _write_csv(folder / "odometry.csv", HEADERS[log.config["motion"]["model"]], odometry.tolist())
     _write_sightings(log, folder / "sightings.csv")
     if log.truth_trajectory is not None:
         _write_atomically(folder / "truth_trajectory.tum", _tum(log.truth_trajectory))
     if log.truth_landmarks is not None:
-        names = _checked(log.truth_landmarks.names, folder)
-        positions = log.truth_landmarks.position_m.tolist()
-        rows = [(name, *position) for name, position in zip(names, positions, strict=True)]
+        truth = zip(log.truth_landmarks.names, log.truth_landmarks.position_m.tolist(), strict=True)
+        rows = [(name, *position) for name, position in truth]
         _write_csv(folder / "truth_landmarks.csv", ("id", "x_m", "y_m"), rows)
     if log.position_fixes is not None:
         fixes = np.column_stack([log.position_fixes.stamp_s, log.position_fixes.position_m])
         _write_csv(folder / "position_fixes.csv", ("stamp_s", "x_m", "y_m"), fixes.tolist())
-    text = yaml.safe_dump(_settings(log), sort_keys=False, allow_unicode=True)
-    _write_atomically(folder / "log.yaml", text)
+    _write_atomically(folder / "log.yaml", write_yaml(_settings(log)))
     return folder
+
+
+def _check(log: Log, folder: Path) -> None:
+    """Everything that may be refused, before the first file is written."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise DataError("exists and is not an empty folder: choose another", folder)
+    if log.config.get("motion", {}).get("model") not in HEADERS or "sensor" not in log.config:
+        raise DataError(f"log {log.name} has no motion model and sensor settings to write", folder)
+    truth_names = () if log.truth_landmarks is None else log.truth_landmarks.names
+    for name in (*log.identity_names, *log.class_names, *truth_names):
+        if not name or name != name.strip() or not name.isprintable():
+            raise DataError(f"name {name!r} is empty, has blanks around it or cannot be printed", folder)
 
 
 def _settings(log: Log) -> dict[str, Any]:
@@ -83,10 +89,10 @@ def _write_sightings(log: Log, path: Path) -> None:
     ]
     if log.identity_names:
         header.append("landmark_id")
-        columns.append(_names(sightings.identity, _checked(log.identity_names, path)))
+        columns.append(_names(sightings.identity, log.identity_names))
     if log.class_names:
         header.append("class")
-        columns.append(_names(sightings.class_index, _checked(log.class_names, path)))
+        columns.append(_names(sightings.class_index, log.class_names))
     if _has_signature(sightings):
         header.append("signature")
         columns.append(["" if value != value else value for value in sightings.signature.tolist()])
@@ -99,13 +105,6 @@ def _has_signature(sightings: Sightings) -> bool:
 
 def _names(indices: Ints, names: Sequence[str]) -> list[str]:
     return ["" if index < 0 else names[index] for index in indices.tolist()]
-
-
-def _checked(names: Sequence[str], path: Path) -> Sequence[str]:
-    for name in names:
-        if not name or name != name.strip() or not name.isprintable():
-            raise DataError(f"name {name!r} is empty, has blanks around it or cannot be printed", path)
-    return names
 
 
 def _tum(truth: TruthTrajectory) -> str:

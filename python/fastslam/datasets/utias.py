@@ -8,7 +8,9 @@ where the file is there, else the averages per second that third parties made fo
 half a second to either side of its stamp): positions only, since their headings are wrong where they wrap.
 
 The noise was measured on data set 6: odometry error grows like white noise of about 0.011 m/s and 0.035
-rad/s held for a second; ranges spread by 0.08-0.18 m, bearings by 0.01 rad with heavy tails.
+rad/s held for a second; ranges spread by 0.08-0.18 m, bearings by 0.01 rad with heavy tails. Left as they
+are: the range scale of each robot (off by up to 3 %) and the lag of about 0.2 s between odometry and motion
+in data set 6.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ pub struct StoreUsage {
 ///
 /// A row with zero in column 0 is *absent*: that particle's map lacks the landmark, and its other numbers are zero
 /// when it is read. Slots are small numbers chosen by the caller, who may use one again after removing it.
-pub trait LandmarkStore: Send {
+pub trait LandmarkStore: Send + Sync {
     /// Number of maps.
     fn particle_count(&self) -> usize;
 

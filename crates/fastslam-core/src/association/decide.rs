@@ -1,0 +1,310 @@
+//! The decision of one particle about one scan.
+
+use crate::config::{AssociationOrder, Exclusion};
+use crate::geometry::{Matrix3, Pose, Symmetric2};
+use crate::landmark::{column, fit, innovation_covariance, Fit, Gaussian, Measured};
+use crate::measurement::MeasurementModel;
+
+/// What a particle decides about a sighting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Decision {
+    /// It shows this landmark (an index into the candidate table).
+    Landmark(u32),
+    /// It shows a landmark that the map lacks.
+    New,
+    /// It shows nothing that the map should know.
+    Ignored,
+}
+
+/// What a particle believes about the robot's pose while it looks at a scan.
+///
+/// In FastSLAM 1.0 the pose is a sample and the covariance zero; in 2.0 it is the proposal, refined sighting by
+/// sighting.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Belief {
+    /// Mean of `T_world_robot`.
+    pub mean: Pose,
+    /// Covariance of (x, y, heading) in the world's axes.
+    pub covariance: Matrix3,
+}
+
+/// A sighting with what the scan knows about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScanSighting {
+    /// Value and noise.
+    pub measured: Measured,
+    /// Identity, where somebody says it.
+    pub identity: Option<u32>,
+}
+
+/// Landmarks that some particle might have seen in a scan, with their rows.
+#[derive(Clone, Debug, Default)]
+pub struct CandidateTable {
+    /// Slot of each candidate, in the order of birth.
+    pub slots: Vec<u32>,
+    /// Candidates of each sighting: indices into `slots`, ascending.
+    pub of_sighting: Vec<Vec<u32>>,
+    /// Rows of candidate c: `columns` columns of `particles` numbers each.
+    pub values: Vec<f64>,
+    /// Particles.
+    pub particles: usize,
+    /// Columns per candidate.
+    pub columns: usize,
+}
+
+impl CandidateTable {
+    #[inline(always)]
+    fn value(&self, candidate: u32, column: usize, particle: usize) -> f64 {
+        self.values[(candidate as usize * self.columns + column) * self.particles + particle]
+    }
+
+    /// The landmark in one particle's map, if it is there.
+    #[inline(always)]
+    pub fn gaussian(&self, candidate: u32, particle: usize) -> Option<Gaussian> {
+        let at = |column| self.value(candidate, column, particle);
+        (at(column::SIGHTINGS) != 0.0).then(|| Gaussian {
+            mean: [at(column::MEAN_X), at(column::MEAN_Y)],
+            covariance: Symmetric2::new(at(column::COV_XX), at(column::COV_XY), at(column::COV_YY)),
+        })
+    }
+
+    /// Identity that the landmark was seen with in one particle's map, plus one; 0 for none.
+    fn identity_mark(&self, candidate: u32, particle: usize) -> f64 {
+        if self.columns > column::IDENTITY {
+            self.value(candidate, column::IDENTITY, particle)
+        } else {
+            0.0
+        }
+    }
+}
+
+/// The rules of association with their thresholds worked out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rules {
+    /// A sighting belongs to its likeliest landmark when the squared Mahalanobis distance is at most this.
+    pub gate: f64,
+    /// ln of the density below which a sighting is a new landmark.
+    pub log_new_density: f64,
+    /// What one landmark may explain.
+    pub exclusion: Exclusion,
+    /// Order of the decisions.
+    pub order: AssociationOrder,
+    /// Power of the likelihood in the weight.
+    pub likelihood_exponent: f64,
+}
+
+/// A landmark as a particle sees it: innovation, how it depends on the pose, and how uncertain it is.
+struct View {
+    innovation: [f64; 2],
+    by_pose: [[f64; 3]; 2],
+    q: Symmetric2,
+}
+
+/// G_s for the robot's pose: the sensor turns about the robot, so its lever arm enters.
+#[inline(always)]
+pub(crate) fn by_robot_pose(by_sensor: [[f64; 3]; 2], T_world_robot: Pose, T_world_sensor: Pose) -> [[f64; 3]; 2] {
+    let (ax, ay) = (T_world_sensor.x - T_world_robot.x, T_world_sensor.y - T_world_robot.y);
+    by_sensor.map(|[x, y, heading]| [x, y, heading - ay * x + ax * y])
+}
+
+impl Belief {
+    fn view<M: MeasurementModel>(&self, model: &M, sensor: Pose, landmark: &Gaussian, measured: &Measured) -> View {
+        let linear = model.linearize(sensor, landmark.mean);
+        View {
+            innovation: model.innovation(measured.value, linear.expected),
+            by_pose: by_robot_pose(linear.by_pose, self.mean, sensor),
+            q: innovation_covariance(linear.by_landmark, landmark.covariance, measured.noise),
+        }
+    }
+
+    /// P G_sᵀ, one row per component of the pose.
+    #[inline(always)]
+    fn cross(&self, by_pose: &[[f64; 3]; 2]) -> [[f64; 2]; 3] {
+        std::array::from_fn(|i| {
+            std::array::from_fn(|j| (0..3).map(|k| self.covariance[i][k] * by_pose[j][k]).sum::<f64>())
+        })
+    }
+
+    /// L = G_s P G_sᵀ + Q.
+    #[inline(always)]
+    fn total_covariance(cross: &[[f64; 2]; 3], view: &View) -> Symmetric2 {
+        let dot = |row: usize, component: usize| -> f64 {
+            (0..3).map(|k| view.by_pose[row][k] * cross[k][component]).sum::<f64>()
+        };
+        Symmetric2::new(dot(0, 0) + view.q.xx, dot(0, 1) + view.q.xy, dot(1, 1) + view.q.yy)
+    }
+
+    /// How likely the sighting is under this belief, with the pose's uncertainty.
+    fn judge(&self, view: &View) -> Fit {
+        let cross = self.cross(&view.by_pose);
+        fit(view.innovation, Self::total_covariance(&cross, view))
+    }
+
+    /// The belief after a sighting of a landmark, and how well it fitted.
+    ///
+    /// **Source:** `montemerlo2003fastslam`, eqs. 9–15, in gain form, which holds for a singular P: K = P G_sᵀ L⁻¹,
+    /// μ ← μ + K ν, P ← P − K L Kᵀ.
+    #[inline(always)]
+    fn refined(&self, view: &View) -> (Self, Fit) {
+        let cross = self.cross(&view.by_pose);
+        let l = Self::total_covariance(&cross, view);
+        let inverse = 1.0 / l.determinant();
+        let gain = cross.map(|[a, b]| [(a * l.yy - b * l.xy) * inverse, (b * l.xx - a * l.xy) * inverse]);
+        let step: [f64; 3] = std::array::from_fn(|i| gain[i][0] * view.innovation[0] + gain[i][1] * view.innovation[1]);
+        let covariance = std::array::from_fn(|i| {
+            std::array::from_fn(|j| self.covariance[i][j] - 0.5 * (dot2(gain[i], cross[j]) + dot2(gain[j], cross[i])))
+        });
+        let mean = Pose::new(
+            self.mean.x + step[0],
+            self.mean.y + step[1],
+            crate::math::wrap_angle(self.mean.heading + step[2]),
+        );
+        (Self { mean, covariance }, fit(view.innovation, l))
+    }
+
+    /// Refines by a sighting of a known landmark and gives the log-likelihood of the sighting.
+    #[inline(always)]
+    pub fn refine<M: MeasurementModel>(
+        &mut self,
+        model: &M,
+        T_robot_sensor: Pose,
+        landmark: &Gaussian,
+        measured: &Measured,
+    ) -> Fit {
+        let view = self.view(model, self.mean.compose(T_robot_sensor), landmark, measured);
+        let (refined, fit) = self.refined(&view);
+        *self = refined;
+        fit
+    }
+}
+
+#[inline(always)]
+fn dot2(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
+}
+
+/// The best explanation of a sighting that is still undecided.
+#[derive(Clone, Copy)]
+struct Choice {
+    sighting: usize,
+    best: Option<(u32, Fit)>,
+    /// By how much (in log-likelihood) it is better than the next explanation.
+    margin: f64,
+    /// Somebody says so: believed wherever the landmark lies.
+    certain: bool,
+}
+
+/// Decides about every sighting of a scan for one particle, refining its belief, and returns the increment of its
+/// log-weight.
+///
+/// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15: the likeliest landmark, or a new one when even that is less
+/// likely than the threshold. Densities include the pose's uncertainty (L in place of Q), which is zero in FastSLAM 1.0.
+pub fn associate<M: MeasurementModel>(
+    model: &M,
+    T_robot_sensor: Pose,
+    rules: &Rules,
+    scan: &[ScanSighting],
+    table: &CandidateTable,
+    particle: usize,
+    belief: &mut Belief,
+    decisions: &mut [Decision],
+) -> f64 {
+    let mut pending: Vec<usize> = (0..scan.len()).collect();
+    // Somebody's word first, then the rest.
+    pending.sort_by_key(|j| scan[*j].identity.is_none());
+    let mut used: Vec<u32> = Vec::new();
+    let mut log_weight = 0.0;
+    while !pending.is_empty() {
+        let sensor = belief.mean.compose(T_robot_sensor);
+        let choose =
+            |sighting: usize| best_choice(model, sensor, rules, scan, table, particle, belief, sighting, &used);
+        let first_has_identity = scan[pending[0]].identity.is_some();
+        let (at, choice) = match rules.order {
+            AssociationOrder::LeastAmbiguousFirst if !first_has_identity => {
+                let mut best = (0, choose(pending[0]));
+                for (at, &sighting) in pending.iter().enumerate().skip(1) {
+                    let other = choose(sighting);
+                    if other.margin > best.1.margin {
+                        best = (at, other);
+                    }
+                }
+                best
+            }
+            _ => (0, choose(pending[0])),
+        };
+        pending.remove(at);
+        let sighting = &scan[choice.sighting];
+        let (decision, log_density) = match choice.best {
+            Some((candidate, fit)) if choice.certain => (Decision::Landmark(candidate), fit.log_likelihood),
+            Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
+                if fit.mahalanobis_squared <= rules.gate {
+                    (Decision::Landmark(candidate), fit.log_likelihood)
+                } else {
+                    (Decision::Ignored, rules.log_new_density)
+                }
+            }
+            _ => (Decision::New, rules.log_new_density),
+        };
+        if let Decision::Landmark(candidate) = decision {
+            if let Some(landmark) = table.gaussian(candidate, particle) {
+                belief.refine(model, T_robot_sensor, &landmark, &sighting.measured);
+            }
+            if rules.exclusion == Exclusion::OneSighting {
+                used.push(candidate);
+            }
+        }
+        decisions[choice.sighting] = decision;
+        log_weight += rules.likelihood_exponent * log_density;
+    }
+    log_weight
+}
+
+/// The likeliest landmark of a sighting for one particle. Ties go to the older landmark.
+#[allow(clippy::too_many_arguments)] // One call site, in the loop above; a struct would only rename the arguments.
+fn best_choice<M: MeasurementModel>(
+    model: &M,
+    sensor: Pose,
+    rules: &Rules,
+    scan: &[ScanSighting],
+    table: &CandidateTable,
+    particle: usize,
+    belief: &Belief,
+    sighting: usize,
+    used: &[u32],
+) -> Choice {
+    let wanted = scan[sighting].identity.map(|identity| f64::from(identity) + 1.0);
+    let mut best: Option<(u32, Fit)> = None;
+    let mut second = rules.log_new_density;
+    for &candidate in &table.of_sighting[sighting] {
+        if used.contains(&candidate) {
+            continue;
+        }
+        let Some(landmark) = table.gaussian(candidate, particle) else { continue };
+        let mark = table.identity_mark(candidate, particle);
+        let view = belief.view(model, sensor, &landmark, &scan[sighting].measured);
+        let fit = belief.judge(&view);
+        if let Some(wanted) = wanted {
+            if mark == wanted {
+                return Choice { sighting, best: Some((candidate, fit)), margin: f64::INFINITY, certain: true };
+            }
+            if mark != 0.0 {
+                continue;
+            }
+        }
+        match best {
+            Some((_, leader)) if fit.log_likelihood <= leader.log_likelihood => {
+                second = second.max(fit.log_likelihood);
+            }
+            leader => {
+                second = leader.map_or(second, |(_, l)| second.max(l.log_likelihood));
+                best = Some((candidate, fit));
+            }
+        }
+    }
+    let margin = match best {
+        Some((_, fit)) if fit.log_likelihood >= rules.log_new_density => fit.log_likelihood - second,
+        Some((_, fit)) => rules.log_new_density - fit.log_likelihood - 1e6,
+        None => -1e3,
+    };
+    Choice { sighting, best, margin, certain: false }
+}

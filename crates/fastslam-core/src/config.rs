@@ -1,0 +1,271 @@
+//! The one configuration schema. Python and the command line read it from here.
+
+use crate::error::{finite, positive, Error, Result};
+use crate::geometry::Pose;
+use crate::measurement::Sensor;
+use crate::motion::Motion;
+use crate::resampling::ResamplingScheme;
+use crate::store::StoreKind;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Everything that determines a run, given its log.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// Seed of all random numbers: the same seed gives the same bits.
+    pub seed: u64,
+    /// Which filter.
+    pub algorithm: Algorithm,
+    /// Particles, resampling and storage.
+    pub filter: FilterConfig,
+    /// How the robot moves.
+    pub motion: Motion,
+    /// What the robot sees with.
+    pub sensor: Sensor,
+    /// Which landmark a sighting belongs to.
+    pub association: AssociationConfig,
+    /// Where the robot starts; it defines the world frame.
+    pub initial_pose: InitialPose,
+}
+
+/// The algorithms.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Algorithm {
+    /// Poses are drawn from the motion model and weighed by the sightings.
+    Fastslam1,
+    /// Poses are drawn from the motion model conditioned on the sightings.
+    #[default]
+    Fastslam2,
+}
+
+/// Particles, resampling and storage.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct FilterConfig {
+    /// Number of particles (M).
+    pub particles: u32,
+    /// How the maps are stored; changes speed and memory, never a result.
+    pub store: StoreKind,
+    /// Worker threads for large numbers of particles; changes speed, never a result.
+    pub threads: u32,
+    /// When and how to resample.
+    pub resampling: ResamplingConfig,
+    /// Power to which each sighting's likelihood is raised: 1 is Bayes' rule; 0.2 to 0.5 suits sightings so dense that
+    /// their errors repeat.
+    pub likelihood_exponent: f64,
+    /// Longest time between recorded poses: a gap without sightings is filled with steps this far apart.
+    pub path_period_s: f64,
+}
+
+impl Default for FilterConfig {
+    fn default() -> Self {
+        Self {
+            particles: 100,
+            store: StoreKind::default(),
+            threads: 1,
+            resampling: ResamplingConfig::default(),
+            likelihood_exponent: 1.0,
+            path_period_s: 0.5,
+        }
+    }
+}
+
+/// When and how to resample.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ResamplingConfig {
+    /// How ancestors are drawn.
+    pub scheme: ResamplingScheme,
+    /// Resample when the effective sample size is below this fraction of the particles; 1 resamples at every step
+    /// with sightings.
+    pub threshold: f64,
+}
+
+impl Default for ResamplingConfig {
+    fn default() -> Self {
+        Self { scheme: ResamplingScheme::Systematic, threshold: 0.5 }
+    }
+}
+
+/// Whether to use the identities in a log.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AssociationMode {
+    /// Sightings with an identity are believed; those without are associated.
+    #[default]
+    Known,
+    /// Identities are ignored: every particle decides for every sighting.
+    Unknown,
+}
+
+/// Which landmark a sighting belongs to when nobody says so; decided by every particle for itself.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct AssociationConfig {
+    /// Whether to use the identities in the log.
+    pub mode: AssociationMode,
+    /// A sighting belongs to its likeliest landmark if it falls into the region that holds this probability; 1 switches
+    /// the test off, as in the original paper.
+    pub gate_probability: f64,
+    /// A sighting is a new landmark when it falls outside the region of every landmark that holds this probability.
+    /// Between the two gates it is ignored.
+    pub new_landmark_gate_probability: f64,
+    /// Likelihood below which a sighting is a new landmark [1/(m·rad)] (the paper's p₀). Without it, the density at the
+    /// outer gate of a landmark as uncertain as one sighting.
+    pub new_landmark_density: Option<f64>,
+    /// What one landmark may explain in one scan.
+    pub exclusion: Exclusion,
+    /// In which order the sightings of a scan are decided.
+    pub order: AssociationOrder,
+}
+
+/// What one landmark may explain in one scan.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Exclusion {
+    /// At most one sighting.
+    #[default]
+    OneSighting,
+    /// Any number of sightings.
+    None,
+}
+
+/// In which order the sightings of a scan are decided.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum AssociationOrder {
+    /// As they come in the log.
+    Given,
+    /// The least ambiguous first, with the pose refined by it before the rest are judged again (FastSLAM 2.0).
+    #[default]
+    LeastAmbiguousFirst,
+}
+
+impl Default for AssociationConfig {
+    fn default() -> Self {
+        Self {
+            mode: AssociationMode::Known,
+            gate_probability: 0.99,
+            new_landmark_gate_probability: 0.999_99,
+            new_landmark_density: None,
+            exclusion: Exclusion::default(),
+            order: AssociationOrder::default(),
+        }
+    }
+}
+
+/// A pose of the robot in the world.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct InitialPose {
+    /// East or along the map's first axis.
+    pub x_m: f64,
+    /// North or along the map's second axis.
+    pub y_m: f64,
+    /// Counter-clockwise from the first axis.
+    pub heading_rad: f64,
+}
+
+impl InitialPose {
+    /// As a transform.
+    pub fn T_world_robot(&self) -> Pose {
+        Pose::new(self.x_m, self.y_m, crate::math::wrap_angle(self.heading_rad))
+    }
+}
+
+impl Config {
+    /// Errors that name the first key out of range.
+    pub fn validate(&self) -> Result<()> {
+        self.filter.validate().map_err(|e| e.within("filter"))?;
+        self.motion.validate()?;
+        self.sensor.validate()?;
+        self.association.validate().map_err(|e| e.within("association"))?;
+        for (key, value) in [
+            ("initial_pose.x_m", self.initial_pose.x_m),
+            ("initial_pose.y_m", self.initial_pose.y_m),
+            ("initial_pose.heading_rad", self.initial_pose.heading_rad),
+        ] {
+            finite(key, value)?;
+        }
+        Ok(())
+    }
+}
+
+impl FilterConfig {
+    fn validate(&self) -> Result<()> {
+        if self.particles == 0 || self.particles > 10_000_000 {
+            return Err(Error::parameter("particles", self.particles, "1 to 10,000,000"));
+        }
+        if self.threads == 0 || self.threads > 1024 {
+            return Err(Error::parameter("threads", self.threads, "1 to 1024"));
+        }
+        fraction("resampling.threshold", self.resampling.threshold)?;
+        if !(self.likelihood_exponent > 0.0 && self.likelihood_exponent <= 1.0) {
+            return Err(Error::parameter("likelihood_exponent", self.likelihood_exponent, "above 0, at most 1"));
+        }
+        positive("path_period_s", self.path_period_s)?;
+        Ok(())
+    }
+}
+
+impl AssociationConfig {
+    fn validate(&self) -> Result<()> {
+        fraction("gate_probability", self.gate_probability)?;
+        fraction("new_landmark_gate_probability", self.new_landmark_gate_probability)?;
+        if self.new_landmark_gate_probability >= 1.0 {
+            return Err(Error::parameter("new_landmark_gate_probability", 1, "below 1"));
+        }
+        if let Some(density) = self.new_landmark_density {
+            positive("new_landmark_density", density)?;
+        }
+        Ok(())
+    }
+}
+
+fn fraction(key: &str, value: f64) -> Result<f64> {
+    if (0.0..=1.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err(Error::parameter(key, value, "0 to 1"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_valid() {
+        assert_eq!(Config::default().validate(), Ok(()));
+    }
+
+    #[test]
+    fn unknown_keys_are_rejected_at_every_level() {
+        for text in [
+            r#"{"sead": 1}"#,
+            r#"{"filter": {"partikles": 1}}"#,
+            r#"{"motion": {"model": "velocity", "wheelbase_m": 1}}"#,
+            r#"{"sensor": {"mounting": {"z_m": 1}}}"#,
+        ] {
+            assert!(serde_json::from_str::<Config>(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_key_of_a_bad_value_is_named() {
+        let mut config = Config::default();
+        config.sensor.range_std_m = 0.0;
+        assert_eq!(
+            config.validate().map_err(|e| e.to_string()),
+            Err("sensor.range_std_m: got 0, expected a finite number above 0".into())
+        );
+        let mut config = Config::default();
+        config.filter.resampling.threshold = 1.5;
+        assert_eq!(
+            config.validate().map_err(|e| e.to_string()),
+            Err("filter.resampling.threshold: got 1.5, expected 0 to 1".into())
+        );
+    }
+}

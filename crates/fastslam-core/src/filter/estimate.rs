@@ -1,0 +1,117 @@
+//! What the particles say together: the pose and the map, with the uncertainty of the whole mixture.
+
+use super::{mixture, FastSlam};
+use crate::geometry::{Pose, Symmetric2};
+use crate::landmark::{column, gaussian_in};
+
+/// A landmark of the estimated map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MapLandmark {
+    /// Running number of its creation.
+    pub birth: u64,
+    /// Identity, where somebody said one.
+    pub identity: Option<u32>,
+    /// Position in the world, metres.
+    pub mean: [f64; 2],
+    /// Covariance of the mixture over the particles that hold the landmark (within plus between), square metres.
+    pub covariance: Symmetric2,
+    /// Sightings in the best particle.
+    pub sightings: u32,
+}
+
+/// The map of the best particle, each landmark averaged over all particles that share it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MapEstimate {
+    /// In the order of creation.
+    pub landmarks: Vec<MapLandmark>,
+}
+
+impl FastSlam {
+    /// The pose as the particles stand.
+    pub(super) fn estimate_particles(&mut self) {
+        let particles = &self.particles;
+        self.estimate = mixture(&self.weights.values, |i| (particles.pose(i), [[0.0; 3]; 3]));
+    }
+
+    /// The pose with the motion since the last sampling.
+    pub(super) fn estimate_beliefs(&mut self) {
+        let beliefs = self.beliefs();
+        self.estimate = mixture(&self.weights.values, |i| (beliefs[i].mean, beliefs[i].covariance));
+    }
+
+    /// Weights are equal after resampling.
+    pub(super) fn restart_weights(&mut self) {
+        let count = self.particles.len();
+        self.weights.values.clear();
+        self.weights.values.resize(count, 1.0 / count as f64);
+        self.weights.effective_sample_size = count as f64;
+        self.weights.log_mean = 0.0;
+    }
+
+    /// The pose now, with the motion since the last update.
+    pub fn predicted_pose(&mut self) -> super::PoseEstimate {
+        self.estimate_beliefs();
+        self.estimate
+    }
+
+    /// The map: the landmarks that the best particle holds, each as the mixture over all particles that hold it.
+    pub fn map(&mut self) -> MapEstimate {
+        let best = self.particles.best();
+        let mut landmarks = Vec::new();
+        for slot in self.landmarks.live_slots() {
+            let Some(known) = self.landmarks.slot(slot) else { continue };
+            let rows = self.landmarks.read(slot);
+            let sightings = rows.column(column::SIGHTINGS)[best];
+            if sightings == 0.0 {
+                continue;
+            }
+            let (mut mass, mut x, mut y) = (0.0, 0.0, 0.0);
+            for (i, w) in self.weights.values.iter().enumerate() {
+                if let Some(landmark) = gaussian_in(&rows, i) {
+                    mass += w;
+                    x += w * landmark.mean[0];
+                    y += w * landmark.mean[1];
+                }
+            }
+            if mass == 0.0 {
+                continue;
+            }
+            let mean = [x / mass, y / mass];
+            let mut covariance = Symmetric2::default();
+            for (i, w) in self.weights.values.iter().enumerate() {
+                if let Some(landmark) = gaussian_in(&rows, i) {
+                    let (share, d) = (w / mass, [landmark.mean[0] - mean[0], landmark.mean[1] - mean[1]]);
+                    covariance.xx += share * (landmark.covariance.xx + d[0] * d[0]);
+                    covariance.xy += share * (landmark.covariance.xy + d[0] * d[1]);
+                    covariance.yy += share * (landmark.covariance.yy + d[1] * d[1]);
+                }
+            }
+            let identity = if self.landmarks.columns() > column::IDENTITY {
+                let mark = self.landmarks.read(slot).column(column::IDENTITY)[best];
+                (mark > 0.0).then(|| mark as u32 - 1)
+            } else {
+                known.identity
+            };
+            landmarks.push(MapLandmark { birth: known.birth, identity, mean, covariance, sightings: sightings as u32 });
+        }
+        MapEstimate { landmarks }
+    }
+
+    /// The landmarks of one particle's own map: slot birth, mean and covariance.
+    pub fn map_of(&self, particle: usize) -> Vec<(u64, [f64; 2], Symmetric2)> {
+        let mut row = vec![0.0; self.landmarks.columns()];
+        let mut map = Vec::new();
+        for slot in self.landmarks.live_slots() {
+            if self.landmarks.read_row(slot, particle, &mut row) {
+                let covariance = Symmetric2::new(row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]);
+                map.push((self.landmarks.birth(slot), [row[column::MEAN_X], row[column::MEAN_Y]], covariance));
+            }
+        }
+        map
+    }
+
+    /// The smoothed path of the particle that explains the log best: stamps and `T_world_robot`.
+    pub fn best_path(&self) -> Vec<(f64, Pose)> {
+        self.path.path(self.particles.best())
+    }
+}

@@ -1,0 +1,83 @@
+//! Steps in which every sighting has an identity: nothing to decide, and the same landmark for all particles.
+
+use super::scan::ScanSighting;
+use super::{FastSlam, StepInfo};
+use crate::error::Result;
+use crate::landmark::{correct_rows, first_rows, gaussian_in};
+
+impl FastSlam {
+    /// FastSLAM 1.0 after its poses were sampled: correct and weigh, then resample.
+    ///
+    /// **Source:** `montemerlo2002fastslam`, sections 3.1 and 3.2.
+    pub(super) fn step_identified_1(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> Result<()> {
+        self.place_sensors();
+        let exponent = self.rules.likelihood_exponent;
+        for sighting in scan {
+            let Some(slot) = self.known_slot(sighting) else {
+                self.insert_for_all(sighting, info);
+                continue;
+            };
+            let (log_weight, score) = (&mut self.particles.log_weight, &mut self.particles.score);
+            let (model, poses) = (&self.model, &self.sensor_poses);
+            self.landmarks.update(slot, None, |rows| {
+                correct_rows(model, poses, sighting.measured, rows, None, |i, log_likelihood| {
+                    log_weight[i] += exponent * log_likelihood;
+                    score[i] += exponent * log_likelihood;
+                });
+            });
+        }
+        let before = self.weights.log_mean;
+        self.weights_now()?;
+        info.log_likelihood += self.weights.log_mean - before;
+        self.estimate_particles();
+        if self.resample_if_needed(info) {
+            self.restart_weights();
+        }
+        Ok(())
+    }
+
+    /// FastSLAM 2.0: refine the proposal and weigh, resample, then sample the poses and correct the landmarks there.
+    ///
+    /// **Source:** `montemerlo2003fastslam`, eqs. 9–19. **Why:** the weight (evidence form) does not depend on the
+    /// sampled pose, so resampling comes first and copies of one ancestor get different poses. The landmarks are
+    /// corrected at the sampled pose, not at the predicted one as eq. 17 prints it: only that converges.
+    pub(super) fn step_identified_2(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> Result<()> {
+        let mut beliefs = self.beliefs();
+        let exponent = self.rules.likelihood_exponent;
+        for sighting in scan {
+            let Some(slot) = self.known_slot(sighting) else { continue };
+            let rows = self.landmarks.read(slot);
+            for (i, belief) in beliefs.iter_mut().enumerate() {
+                if let Some(landmark) = gaussian_in(&rows, i) {
+                    let fit = belief.refine(&self.model, self.T_robot_sensor, &landmark, &sighting.measured);
+                    self.particles.log_weight[i] += exponent * fit.log_likelihood;
+                    self.particles.score[i] += exponent * fit.log_likelihood;
+                }
+            }
+        }
+        self.weigh_resample_sample(&mut beliefs, &mut [], info)?;
+        for sighting in scan {
+            let Some(slot) = self.known_slot(sighting) else {
+                self.insert_for_all(sighting, info);
+                continue;
+            };
+            let (model, poses) = (&self.model, &self.sensor_poses);
+            self.landmarks.update(slot, None, |rows| {
+                correct_rows(model, poses, sighting.measured, rows, None, |_, _| ());
+            });
+        }
+        Ok(())
+    }
+
+    fn known_slot(&self, sighting: &ScanSighting) -> Option<u32> {
+        sighting.identity.and_then(|identity| self.landmarks.of_identity(identity).first().copied())
+    }
+
+    fn insert_for_all(&mut self, sighting: &ScanSighting, info: &mut StepInfo) {
+        let columns = self.landmarks.columns();
+        first_rows(&self.model, &self.sensor_poses, sighting.measured, None, columns, &mut self.scratch);
+        self.landmarks.insert(sighting.identity, &self.scratch);
+        self.particles.landmarks.iter_mut().for_each(|count| *count += 1);
+        info.new_landmarks += 1;
+    }
+}

@@ -1,0 +1,183 @@
+//! The landmarks of all maps: the store with names, births and places.
+
+use crate::association::{Box2, Grid};
+use crate::landmark::column;
+use crate::store::{LandmarkStore, Rows, RowsMut, StoreKind, StoreUsage};
+use rustc_hash::FxHashMap;
+
+/// A landmark hypothesis, shared by the particles that created it from one sighting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot {
+    /// Running number of its creation: names it, and breaks ties.
+    pub birth: u64,
+    /// Identity that it was created with.
+    pub identity: Option<u32>,
+}
+
+/// The population of maps with what all particles have in common.
+pub struct Landmarks {
+    store: Box<dyn LandmarkStore>,
+    columns: usize,
+    slots: Vec<Option<Slot>>,
+    free: Vec<u32>,
+    births: u64,
+    /// Slots that were ever seen with an identity, oldest first.
+    of_identity: FxHashMap<u32, Vec<u32>>,
+    /// Where landmarks are; only kept when sightings without identity may come.
+    grid: Option<Grid>,
+    /// Widening of boxes: gate radius in standard deviations.
+    gate_radius: f64,
+}
+
+/// Whether sightings without an identity may come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Identities {
+    /// Every sighting has one.
+    All,
+    /// Some have one.
+    Some,
+    /// None has one, or they are ignored.
+    None,
+}
+
+impl Landmarks {
+    /// Empty maps for `particles`; `cell_m` and `gate_radius` (standard deviations) size the spatial index.
+    pub fn new(kind: StoreKind, particles: usize, identities: Identities, cell_m: f64, gate_radius: f64) -> Self {
+        let columns = column::COUNT + usize::from(identities == Identities::Some);
+        Self {
+            store: kind.create(particles, columns),
+            columns,
+            slots: Vec::new(),
+            free: Vec::new(),
+            births: 0,
+            of_identity: FxHashMap::default(),
+            grid: (identities != Identities::All).then(|| Grid::new(cell_m)),
+            gate_radius,
+        }
+    }
+
+    /// Columns per landmark.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Slots that hold a landmark in some map, in the order of birth.
+    pub fn live_slots(&self) -> Vec<u32> {
+        let mut live: Vec<u32> = (0..self.slots.len() as u32).filter(|s| self.slots[*s as usize].is_some()).collect();
+        live.sort_unstable_by_key(|s| self.birth(*s));
+        live
+    }
+
+    /// What is known of a slot in use.
+    pub fn slot(&self, slot: u32) -> Option<Slot> {
+        self.slots.get(slot as usize).copied().flatten()
+    }
+
+    /// Running number of a slot's creation.
+    pub fn birth(&self, slot: u32) -> u64 {
+        self.slot(slot).map_or(u64::MAX, |s| s.birth)
+    }
+
+    /// The slots seen with an identity, oldest first.
+    pub fn of_identity(&self, identity: u32) -> &[u32] {
+        self.of_identity.get(&identity).map_or(&[], Vec::as_slice)
+    }
+
+    /// Notes that a slot was seen with an identity.
+    pub fn mark_identity(&mut self, slot: u32, identity: u32) {
+        let slots = self.of_identity.entry(identity).or_default();
+        if !slots.contains(&slot) {
+            slots.push(slot);
+        }
+    }
+
+    /// Adds a landmark with the rows of all particles.
+    pub fn insert(&mut self, identity: Option<u32>, values: &[f64]) -> u32 {
+        let slot = self.free.pop().unwrap_or(self.slots.len() as u32);
+        if slot as usize == self.slots.len() {
+            self.slots.push(None);
+        }
+        self.slots[slot as usize] = Some(Slot { birth: self.births, identity });
+        self.births += 1;
+        self.store.insert(slot, values);
+        if let Some(identity) = identity {
+            self.mark_identity(slot, identity);
+        }
+        let rows = Rows::new(values, self.store.particle_count());
+        place(&mut self.grid, slot, rows.column(column::SIGHTINGS), &position(&rows), self.gate_radius);
+        slot
+    }
+
+    /// Removes a landmark from all maps.
+    pub fn remove(&mut self, slot: u32) {
+        self.store.remove(slot);
+        if let Some(grid) = &mut self.grid {
+            grid.remove(slot);
+        }
+        if self.slots[slot as usize].take().is_some() {
+            for slots in self.of_identity.values_mut() {
+                slots.retain(|s| *s != slot);
+            }
+            self.free.push(slot);
+        }
+    }
+
+    /// The rows of a landmark in particle order.
+    pub fn read(&mut self, slot: u32) -> Rows<'_> {
+        self.store.read(slot)
+    }
+
+    /// One particle's landmark; false when it is absent.
+    pub fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool {
+        self.store.read_row(slot, particle, out)
+    }
+
+    /// Changes a landmark in the maps that `mask` marks (all without one).
+    pub fn update(&mut self, slot: u32, mask: Option<&[bool]>, mut change: impl FnMut(RowsMut<'_>)) {
+        let Self { store, grid, gate_radius, .. } = self;
+        store.update(slot, mask, &mut change);
+        if grid.is_some() {
+            let rows = store.read(slot);
+            place(grid, slot, rows.column(column::SIGHTINGS), &position(&rows), *gate_radius);
+        }
+    }
+
+    /// Appends the landmarks that may lie in a region, in no particular order.
+    pub fn find(&mut self, region: &Box2, out: &mut Vec<u32>) {
+        if let Some(grid) = &mut self.grid {
+            grid.find(region, out);
+        }
+    }
+
+    /// Map i becomes a copy of the former map `ancestor_indices[i]`.
+    pub fn resample(&mut self, ancestor_indices: &[u32]) {
+        self.store.resample(ancestor_indices);
+    }
+
+    /// What the maps occupy.
+    pub fn usage(&self) -> StoreUsage {
+        self.store.usage()
+    }
+}
+
+fn position<'a>(rows: &Rows<'a>) -> [&'a [f64]; 4] {
+    [column::MEAN_X, column::MEAN_Y, column::COV_XX, column::COV_YY].map(|c| rows.column(c))
+}
+
+/// Enters a landmark's box: all means, widened by the gate over the largest trace of a covariance (which bounds its
+/// largest eigenvalue).
+fn place(grid: &mut Option<Grid>, slot: u32, count: &[f64], [x, y, xx, yy]: &[&[f64]; 4], gate_radius: f64) {
+    let Some(grid) = grid else { return };
+    let mut area = Box2::EMPTY;
+    let mut widest = 0.0_f64;
+    for i in (0..count.len()).filter(|i| count[*i] != 0.0) {
+        area.include([x[i], y[i]], 0.0);
+        widest = widest.max(xx[i] + yy[i]);
+    }
+    if area == Box2::EMPTY {
+        grid.remove(slot);
+        return;
+    }
+    let margin = gate_radius * widest.sqrt();
+    grid.set(slot, Box2 { low: area.low.map(|v| v - margin), high: area.high.map(|v| v + margin) });
+}

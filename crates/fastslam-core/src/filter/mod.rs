@@ -1,0 +1,339 @@
+//! The filter: particles over paths, and per particle a map of small Gaussians.
+
+mod estimate;
+mod identified;
+mod landmarks;
+mod particles;
+mod scan;
+
+pub use estimate::{MapEstimate, MapLandmark};
+pub use landmarks::Identities;
+pub use particles::{mixture, Particles, PoseEstimate};
+
+use crate::association::Rules;
+use crate::config::{Algorithm, AssociationMode, Config};
+use crate::error::{Error, Result};
+use crate::geometry::{Pose, Symmetric2};
+use crate::landmark::{Measured, SensorPoses, LN_TAU};
+use crate::math;
+use crate::measurement::{MeasurementModel, RangeBearing};
+use crate::motion::{MotionGaussian, PoseColumns};
+use crate::path::PathForest;
+use crate::random::{Purpose, RandomSource};
+use crate::resampling;
+use crate::store::StoreUsage;
+use crate::weights::Weights;
+use landmarks::Landmarks;
+
+/// One detection of a landmark.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sighting {
+    /// Metres from the sensor.
+    pub range_m: f64,
+    /// Radians counter-clockwise from the sensor's heading.
+    pub bearing_rad: f64,
+    /// Which landmark it is, where somebody says so.
+    pub identity: Option<u32>,
+    /// Covariance of (range, bearing) when the detector gives one.
+    pub noise: Option<Symmetric2>,
+}
+
+/// What happened in one step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StepInfo {
+    /// Number of the step, from 0.
+    pub step: u64,
+    /// Sightings used.
+    pub sightings: u32,
+    /// Landmarks that were created (by at least one particle).
+    pub new_landmarks: u32,
+    /// Sightings that the best particle took for neither a known nor a new landmark.
+    pub ignored: u32,
+    /// Sightings skipped: not finite, or outside the sensor's limits.
+    pub skipped: Skipped,
+    /// 1 / Σ weight², before resampling.
+    pub effective_sample_size: f64,
+    /// Whether the particles were resampled.
+    pub resampled: bool,
+    /// Increment of the log evidence.
+    pub log_likelihood: f64,
+    /// Landmarks in the map of the best particle.
+    pub landmarks: u32,
+    /// Whether the poses are samples now; without sightings FastSLAM 2.0 waits.
+    pub sampled: bool,
+}
+
+/// Sightings that could not be used, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Skipped {
+    /// Range or bearing is NaN or infinite.
+    pub not_finite: u32,
+    /// Nearer than the sensor's minimum.
+    pub too_near: u32,
+    /// Farther than the sensor's maximum.
+    pub too_far: u32,
+    /// Without an identity, though identities are said to be known.
+    pub without_identity: u32,
+}
+
+/// Above this spread of the heading the motion since the last sighting is sampled rather than linearised on.
+const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;
+
+/// FastSLAM 1.0 and 2.0.
+///
+/// ```
+/// use fastslam_core::{config::Config, filter::{FastSlam, Identities, Sighting}};
+/// let mut filter = FastSlam::new(Config::default(), Identities::All)?;
+/// filter.predict([1.0, 0.1, 0.0], 0.1)?;
+/// let tree = Sighting { range_m: 4.0, bearing_rad: 0.3, identity: Some(7), noise: None };
+/// let info = filter.update(0.1, &[tree])?;
+/// assert_eq!((info.new_landmarks, filter.map().landmarks.len()), (1, 1));
+/// # Ok::<(), fastslam_core::error::Error>(())
+/// ```
+pub struct FastSlam {
+    config: Config,
+    identities: Identities,
+    model: RangeBearing,
+    T_robot_sensor: Pose,
+    lever_arm_m: f64,
+    rules: Rules,
+    /// Reach of the association in standard deviations.
+    gate_radius: f64,
+    random: RandomSource,
+    particles: Particles,
+    /// Motion since the last sampling of the poses, the same for all particles (FastSLAM 2.0).
+    pending: MotionGaussian,
+    controls: u64,
+    samplings: u64,
+    steps: u64,
+    landmarks: Landmarks,
+    path: PathForest,
+    weights: Weights,
+    ancestor_indices: Vec<u32>,
+    sensor_poses: SensorPoses,
+    estimate: PoseEstimate,
+    scratch: Vec<f64>,
+}
+
+impl FastSlam {
+    /// A filter at the configured initial pose with empty maps.
+    ///
+    /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
+    pub fn new(config: Config, identities: Identities) -> Result<Self> {
+        config.validate()?;
+        let identities = match config.association.mode {
+            AssociationMode::Known => identities,
+            AssociationMode::Unknown => Identities::None,
+        };
+        let model = config.sensor.range_bearing();
+        let rules = rules(&config, &model);
+        let start = config.initial_pose.T_world_robot();
+        let particles = config.filter.particles as usize;
+        let gate_radius = gate_radius(&rules, &model);
+        let cell_m = (4.0 * gate_radius * config.sensor.range_std_m).clamp(0.5, 20.0);
+        Ok(Self {
+            landmarks: Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius),
+            lever_arm_m: config.sensor.mounting.x_m.hypot(config.sensor.mounting.y_m),
+            T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
+            gate_radius,
+            random: RandomSource::new(config.seed),
+            particles: Particles::at(start, particles),
+            pending: MotionGaussian::default(),
+            controls: 0,
+            samplings: 0,
+            steps: 0,
+            path: PathForest::new(particles),
+            weights: Weights { values: vec![1.0 / particles as f64; particles], ..Weights::default() },
+            ancestor_indices: Vec::with_capacity(particles),
+            sensor_poses: SensorPoses::default(),
+            estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
+            scratch: Vec::new(),
+            identities,
+            model,
+            rules,
+            config,
+        })
+    }
+
+    /// The configuration in force.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`.
+    ///
+    /// FastSLAM 1.0 samples every particle's pose now; 2.0 keeps the motion as a Gaussian until sightings come.
+    pub fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
+        if !(control.iter().all(|v| v.is_finite()) && dt_s.is_finite() && dt_s >= 0.0) {
+            return Err(Error::Input(format!(
+                "control {control:?} for {dt_s} s: expected finite numbers and dt_s >= 0"
+            )));
+        }
+        match self.config.algorithm {
+            Algorithm::Fastslam1 => {
+                let stream = self.random.stream(Purpose::Motion, self.controls);
+                let Particles { x, y, heading, .. } = &mut self.particles;
+                self.config.motion.sample(control, dt_s, stream, PoseColumns { first_particle: 0, x, y, heading });
+            }
+            Algorithm::Fastslam2 => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
+        }
+        self.controls += 1;
+        Ok(())
+    }
+
+    /// Processes all sightings of one stamp (there may be none).
+    ///
+    /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings.
+    pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        let mut info = StepInfo { step: self.steps, ..StepInfo::default() };
+        let usable = self.usable(sightings, &mut info.skipped);
+        info.sightings = usable.len() as u32;
+        // Two sightings with one identity are not independent given the pose's prior: the second waits for the first.
+        let mut rounds: Vec<Vec<scan::ScanSighting>> = vec![Vec::new()];
+        for sighting in usable {
+            let free = |round: &Vec<scan::ScanSighting>| {
+                sighting.identity.is_none() || round.iter().all(|s| s.identity != sighting.identity)
+            };
+            match rounds.iter_mut().find(|round| free(round)) {
+                Some(round) => round.push(sighting),
+                None => rounds.push(vec![sighting]),
+            }
+        }
+        info.sampled = !self.keeps_motion_pending(&rounds[0]);
+        for round in &rounds {
+            self.process(round, &mut info)?;
+        }
+        if info.sampled {
+            let particles = &self.particles;
+            self.path.extend(stamp_s, |i| particles.pose(i));
+        }
+        info.landmarks = self.particles.landmarks[self.particles.best()];
+        self.steps += 1;
+        Ok(info)
+    }
+
+    /// One scan with at most one sighting per identity.
+    fn process(&mut self, scan: &[scan::ScanSighting], info: &mut StepInfo) -> Result<()> {
+        match (self.config.algorithm, self.identities) {
+            _ if self.keeps_motion_pending(scan) => {
+                info.effective_sample_size = self.weights_now()?;
+                self.estimate_beliefs();
+                Ok(())
+            }
+            (Algorithm::Fastslam1, Identities::All) => self.step_identified_1(scan, info),
+            (Algorithm::Fastslam2, Identities::All) => self.step_identified_2(scan, info),
+            _ => self.step_associating(scan, info),
+        }
+    }
+
+    /// Whether a step without sightings leaves the poses unsampled: later sightings may still say where they were.
+    fn keeps_motion_pending(&self, scan: &[scan::ScanSighting]) -> bool {
+        self.config.algorithm == Algorithm::Fastslam2
+            && scan.is_empty()
+            && self.pending.covariance[2][2].sqrt() < LARGEST_LINEARISED_HEADING_STD_RAD
+    }
+
+    /// The sightings that can be used, as measurements.
+    fn usable(&self, sightings: &[Sighting], skipped: &mut Skipped) -> Vec<scan::ScanSighting> {
+        let sensor = &self.config.sensor;
+        let mut usable = Vec::with_capacity(sightings.len());
+        for s in sightings {
+            let identity = if self.identities == Identities::None { None } else { s.identity };
+            if !(s.range_m.is_finite() && s.bearing_rad.is_finite()) {
+                skipped.not_finite += 1;
+            } else if s.range_m < sensor.min_range_m {
+                skipped.too_near += 1;
+            } else if s.range_m > sensor.max_range_m {
+                skipped.too_far += 1;
+            } else if identity.is_none() && self.identities == Identities::All {
+                skipped.without_identity += 1;
+            } else {
+                let noise = s.noise.filter(|n| n.is_positive_definite()).unwrap_or(self.model.noise_covariance());
+                let measured = Measured { value: [s.range_m, s.bearing_rad], noise };
+                usable.push(scan::ScanSighting { measured, identity });
+            }
+        }
+        usable
+    }
+
+    /// Normalises the weights and returns the effective sample size.
+    fn weights_now(&mut self) -> Result<f64> {
+        self.weights.normalize(&self.particles.log_weight, self.steps)?;
+        Ok(self.weights.effective_sample_size)
+    }
+
+    /// Resamples if the effective sample size says so; everything that belongs to a particle follows its ancestor.
+    ///
+    /// The weights must have been normalised. Returns whether it resampled.
+    fn resample_if_needed(&mut self, info: &mut StepInfo) -> bool {
+        let count = self.particles.len();
+        info.effective_sample_size = self.weights.effective_sample_size;
+        let settings = &self.config.filter.resampling;
+        let wanted = settings.threshold >= 1.0 && info.sightings > 0;
+        if !wanted && self.weights.effective_sample_size >= settings.threshold * count as f64 {
+            return false;
+        }
+        let stream = self.random.stream(Purpose::Resampling, self.samplings);
+        resampling::resample(settings.scheme, &self.weights.values, count, stream, &mut self.ancestor_indices);
+        self.particles.resample(&self.ancestor_indices);
+        self.landmarks.resample(&self.ancestor_indices);
+        self.path.resample(&self.ancestor_indices);
+        info.resampled = true;
+        true
+    }
+
+    /// Mean and covariance of the pose, motion since the last sampling included.
+    pub fn pose(&self) -> PoseEstimate {
+        self.estimate
+    }
+
+    /// The particles. In FastSLAM 2.0 their poses are those at the last sighting.
+    pub fn particles(&self) -> &Particles {
+        &self.particles
+    }
+
+    /// Normalised weights of the particles.
+    pub fn weights(&self) -> &[f64] {
+        &self.weights.values
+    }
+
+    /// Motion since the poses were last sampled (zero in FastSLAM 1.0).
+    pub fn pending_motion(&self) -> MotionGaussian {
+        self.pending
+    }
+
+    /// The paths of the particles.
+    pub fn path(&self) -> &PathForest {
+        &self.path
+    }
+
+    /// What the maps occupy.
+    pub fn store_usage(&self) -> StoreUsage {
+        self.landmarks.usage()
+    }
+}
+
+fn rules(config: &Config, model: &RangeBearing) -> Rules {
+    let association = &config.association;
+    let gate = |probability: f64| -2.0 * math::ln(1.0 - probability);
+    let twice = model.noise_covariance();
+    let twice = Symmetric2::new(2.0 * twice.xx, 2.0 * twice.xy, 2.0 * twice.yy);
+    let log_new_density = association.new_landmark_density.map_or_else(
+        || -0.5 * (gate(association.new_landmark_gate_probability) + math::ln(twice.determinant())) - LN_TAU,
+        math::ln,
+    );
+    Rules {
+        gate: gate(association.gate_probability),
+        log_new_density,
+        exclusion: association.exclusion,
+        order: association.order,
+        likelihood_exponent: config.filter.likelihood_exponent,
+    }
+}
+
+/// How many standard deviations a landmark can lie off and still be likelier than a new one: its likelihood is at most
+/// that with the sensor's noise alone.
+fn gate_radius(rules: &Rules, model: &RangeBearing) -> f64 {
+    let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
+    (2.0 * (peak - rules.log_new_density)).max(0.0).sqrt()
+}

@@ -1,0 +1,140 @@
+//! The particles: poses and weights as columns.
+
+use crate::geometry::{Matrix3, Pose};
+use crate::math;
+
+/// All particles, one number each per column.
+#[derive(Clone, Debug, Default)]
+pub struct Particles {
+    /// Metres.
+    pub x: Vec<f64>,
+    /// Metres.
+    pub y: Vec<f64>,
+    /// Radians, wrapped.
+    pub heading: Vec<f64>,
+    /// Unnormalised, since the last resampling.
+    pub log_weight: Vec<f64>,
+    /// Log-weight gathered along the whole path: says which particle explains the log best.
+    pub score: Vec<f64>,
+    /// Landmarks in the particle's map.
+    pub landmarks: Vec<u32>,
+}
+
+impl Particles {
+    /// `count` particles at one pose.
+    pub fn at(pose: Pose, count: usize) -> Self {
+        Self {
+            x: vec![pose.x; count],
+            y: vec![pose.y; count],
+            heading: vec![pose.heading; count],
+            log_weight: vec![0.0; count],
+            score: vec![0.0; count],
+            landmarks: vec![0; count],
+        }
+    }
+
+    /// Number of particles.
+    pub fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.x.is_empty()
+    }
+
+    /// `T_world_robot` of one particle.
+    #[inline(always)]
+    pub fn pose(&self, i: usize) -> Pose {
+        Pose::new(self.x[i], self.y[i], self.heading[i])
+    }
+
+    /// Moves one particle.
+    #[inline(always)]
+    pub fn set_pose(&mut self, i: usize, pose: Pose) {
+        (self.x[i], self.y[i], self.heading[i]) = (pose.x, pose.y, pose.heading);
+    }
+
+    /// Particle i becomes a copy of the former particle `ancestor_indices[i]`, with weight 1.
+    pub fn resample(&mut self, ancestor_indices: &[u32]) {
+        for column in [&mut self.x, &mut self.y, &mut self.heading, &mut self.score] {
+            *column = ancestor_indices.iter().map(|&a| column[a as usize]).collect();
+        }
+        self.landmarks = ancestor_indices.iter().map(|&a| self.landmarks[a as usize]).collect();
+        self.log_weight.clear();
+        self.log_weight.resize(ancestor_indices.len(), 0.0);
+    }
+
+    /// The particle that explains the log best; ties go to the first.
+    pub fn best(&self) -> usize {
+        let mut best = 0;
+        for i in 1..self.len() {
+            if self.score[i] > self.score[best] {
+                best = i;
+            }
+        }
+        best
+    }
+}
+
+/// Mean and covariance of the robot's pose over all particles.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PoseEstimate {
+    /// Mean of `T_world_robot`; the heading is the direction of the mean unit vector.
+    pub mean: Pose,
+    /// Covariance of (x, y, heading): between particles plus, in FastSLAM 2.0, within them.
+    pub covariance: Matrix3,
+}
+
+/// The moments of a weighted mixture of `count` Gaussians over poses, given as (mean, covariance).
+///
+/// **Why:** two passes, and headings through sine and cosine, so that neither large coordinates nor ±π hurt.
+pub fn mixture(weights: &[f64], component: impl Fn(usize) -> (Pose, Matrix3)) -> PoseEstimate {
+    let (mut x, mut y, mut sine, mut cosine) = (0.0, 0.0, 0.0, 0.0);
+    for (i, w) in weights.iter().enumerate() {
+        let (pose, _) = component(i);
+        let (s, c) = math::sin_cos(pose.heading);
+        x += w * pose.x;
+        y += w * pose.y;
+        sine += w * s;
+        cosine += w * c;
+    }
+    let mean = Pose::new(x, y, math::atan2(sine, cosine));
+    let mut covariance = [[0.0; 3]; 3];
+    for (i, w) in weights.iter().enumerate() {
+        let (pose, within) = component(i);
+        let d = [pose.x - x, pose.y - y, math::wrap_angle(pose.heading - mean.heading)];
+        for row in 0..3 {
+            for col in 0..3 {
+                covariance[row][col] += w * (within[row][col] + d[row] * d[col]);
+            }
+        }
+    }
+    PoseEstimate { mean, covariance }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headings_near_pi_have_their_mean_near_pi() {
+        let poses = [Pose::new(1.0, 0.0, 3.1), Pose::new(3.0, 0.0, -3.1)];
+        let estimate = mixture(&[0.5, 0.5], |i| (poses[i], [[0.0; 3]; 3]));
+        assert!((estimate.mean.heading.abs() - std::f64::consts::PI).abs() < 1e-12);
+        assert!((estimate.mean.x - 2.0).abs() < 1e-15);
+        // Half the gap of 2π - 6.2 between the headings, squared.
+        let half_gap = std::f64::consts::PI - 3.1;
+        assert!((estimate.covariance[2][2] - half_gap * half_gap).abs() < 1e-12);
+        assert!((estimate.covariance[0][0] - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_mixture_adds_within_to_between() {
+        let within = [[0.5, 0.1, 0.0], [0.1, 0.4, 0.0], [0.0, 0.0, 0.01]];
+        let estimate = mixture(&[0.25, 0.75], |i| (Pose::new(4.0 * i as f64, 0.0, 0.0), within));
+        assert!((estimate.mean.x - 3.0).abs() < 1e-15);
+        assert!((estimate.covariance[0][0] - (0.5 + 3.0)).abs() < 1e-12);
+        assert!((estimate.covariance[0][1] - 0.1).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,282 @@
+//! The landmark filter: one small extended Kalman filter per landmark and particle, all particles in one pass.
+//!
+//! A row of the store holds the numbers of [`column`]. The passes here are loops without branches over columns, so
+//! that they turn into vector code; the identities in their docs are those of `montemerlo2002fastslam`.
+
+use crate::geometry::{Pose, Symmetric2};
+use crate::math;
+use crate::measurement::MeasurementModel;
+use crate::store::{Rows, RowsMut};
+
+/// What the columns of a landmark's rows hold.
+pub mod column {
+    /// Number of sightings; 0 where the particle's map lacks the landmark.
+    pub const SIGHTINGS: usize = 0;
+    /// Mean position, metres.
+    pub const MEAN_X: usize = 1;
+    /// Mean position, metres.
+    pub const MEAN_Y: usize = 2;
+    /// Covariance, square metres.
+    pub const COV_XX: usize = 3;
+    /// Covariance, square metres.
+    pub const COV_XY: usize = 4;
+    /// Covariance, square metres.
+    pub const COV_YY: usize = 5;
+    /// How many columns every landmark has.
+    pub const COUNT: usize = 6;
+    /// One more than the identity that the landmark was seen with, 0 for none. Only in logs where some sightings have
+    /// an identity and others have none.
+    pub const IDENTITY: usize = 6;
+}
+
+/// ln(2π)
+pub(crate) const LN_TAU: f64 = 1.837_877_066_409_345_3;
+
+/// A landmark's Gaussian in one map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gaussian {
+    /// Position in the world, metres.
+    pub mean: [f64; 2],
+    /// Square metres.
+    pub covariance: Symmetric2,
+}
+
+/// Poses of the sensor, one per particle, as columns.
+#[derive(Clone, Debug, Default)]
+pub struct SensorPoses {
+    /// Metres.
+    pub x: Vec<f64>,
+    /// Metres.
+    pub y: Vec<f64>,
+    /// Radians.
+    pub heading: Vec<f64>,
+}
+
+impl SensorPoses {
+    /// `T_world_robot * T_robot_sensor` for every particle.
+    pub fn set(&mut self, x: &[f64], y: &[f64], heading: &[f64], T_robot_sensor: Pose) {
+        for column in [&mut self.x, &mut self.y, &mut self.heading] {
+            column.clear();
+            column.resize(x.len(), 0.0);
+        }
+        for i in 0..x.len() {
+            let sensor = Pose::new(x[i], y[i], heading[i]).compose(T_robot_sensor);
+            (self.x[i], self.y[i], self.heading[i]) = (sensor.x, sensor.y, sensor.heading);
+        }
+    }
+
+    /// `T_world_sensor` of one particle.
+    #[inline(always)]
+    pub fn get(&self, particle: usize) -> Pose {
+        Pose::new(self.x[particle], self.y[particle], self.heading[particle])
+    }
+}
+
+/// How well a sighting fits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fit {
+    /// ln N(ν; 0, Q).
+    pub log_likelihood: f64,
+    /// νᵀ Q⁻¹ ν.
+    pub mahalanobis_squared: f64,
+}
+
+/// ln N(ν; 0, Q) and νᵀQ⁻¹ν for a 2×2 Q.
+#[inline(always)]
+pub fn fit(innovation: [f64; 2], q: Symmetric2) -> Fit {
+    let determinant = q.determinant();
+    let [a, b] = innovation;
+    let mahalanobis_squared = (q.yy * a * a - 2.0 * q.xy * a * b + q.xx * b * b) / determinant;
+    Fit { log_likelihood: -0.5 * (mahalanobis_squared + math::ln(determinant)) - LN_TAU, mahalanobis_squared }
+}
+
+/// G Σ Gᵀ + R.
+#[inline(always)]
+pub fn innovation_covariance(by_landmark: [[f64; 2]; 2], covariance: Symmetric2, noise: Symmetric2) -> Symmetric2 {
+    let q = covariance.transformed(by_landmark);
+    Symmetric2::new(q.xx + noise.xx, q.xy + noise.xy, q.yy + noise.yy)
+}
+
+/// The landmark after a sighting from a known pose, and how well the sighting fitted before it.
+///
+/// **Source:** `montemerlo2002fastslam`, section 3.2: ν = z − g(μ, s), Q = GΣGᵀ + R, K = ΣGᵀQ⁻¹; the covariance in
+/// Joseph's form. **Why:** Joseph's form keeps Σ positive definite whatever the rounding.
+#[inline(always)]
+pub fn correct<M: MeasurementModel>(
+    model: &M,
+    T_world_sensor: Pose,
+    measured: [f64; 2],
+    noise: Symmetric2,
+    landmark: Gaussian,
+) -> (Gaussian, Fit) {
+    let linear = model.linearize(T_world_sensor, landmark.mean);
+    let innovation = model.innovation(measured, linear.expected);
+    let [[g00, g01], [g10, g11]] = linear.by_landmark;
+    let s = landmark.covariance;
+    let q = innovation_covariance(linear.by_landmark, s, noise);
+    let inverse = 1.0 / q.determinant();
+    // Σ Gᵀ, then times Q⁻¹.
+    let (p00, p01) = (s.xx * g00 + s.xy * g01, s.xx * g10 + s.xy * g11);
+    let (p10, p11) = (s.xy * g00 + s.yy * g01, s.xy * g10 + s.yy * g11);
+    let (k00, k01) = ((p00 * q.yy - p01 * q.xy) * inverse, (p01 * q.xx - p00 * q.xy) * inverse);
+    let (k10, k11) = ((p10 * q.yy - p11 * q.xy) * inverse, (p11 * q.xx - p10 * q.xy) * inverse);
+    let rest = [
+        [1.0 - (k00 * g00 + k01 * g10), -(k00 * g01 + k01 * g11)],
+        [-(k10 * g00 + k11 * g10), 1.0 - (k10 * g01 + k11 * g11)],
+    ];
+    let prior = s.transformed(rest);
+    let added = noise.transformed([[k00, k01], [k10, k11]]);
+    let corrected = Gaussian {
+        mean: [
+            landmark.mean[0] + k00 * innovation[0] + k01 * innovation[1],
+            landmark.mean[1] + k10 * innovation[0] + k11 * innovation[1],
+        ],
+        covariance: Symmetric2::new(prior.xx + added.xx, prior.xy + added.xy, prior.yy + added.yy),
+    };
+    (corrected, fit(innovation, q))
+}
+
+/// A landmark at its first sighting: μ = g⁻¹(z, s), Σ = G⁻¹ R G⁻ᵀ.
+///
+/// **Why:** within a particle the pose is known, so no uncertainty of the pose enters.
+#[inline(always)]
+pub fn first_sighting<M: MeasurementModel>(
+    model: &M,
+    T_world_sensor: Pose,
+    measured: [f64; 2],
+    noise: Symmetric2,
+) -> Gaussian {
+    let mean = model.inverse(T_world_sensor, measured);
+    let [[a, b], [c, d]] = model.linearize(T_world_sensor, mean).by_landmark;
+    let inverse = 1.0 / (a * d - b * c);
+    let covariance = noise.transformed([[d * inverse, -b * inverse], [-c * inverse, a * inverse]]);
+    Gaussian { mean, covariance }
+}
+
+/// A sighting as the passes over particles need it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// In the coordinates of the measurement model.
+    pub value: [f64; 2],
+    /// R of this sighting.
+    pub noise: Symmetric2,
+}
+
+/// Corrects a landmark in all maps (those in `mask`), adding one to its sightings, and gives the log-likelihood of the
+/// sighting to `weigh(particle, log_likelihood)`.
+#[inline(always)]
+pub fn correct_rows<M: MeasurementModel>(
+    model: &M,
+    poses: &SensorPoses,
+    measured: Measured,
+    rows: RowsMut<'_>,
+    mask: Option<&[bool]>,
+    mut weigh: impl FnMut(usize, f64),
+) {
+    let [count, mean_x, mean_y, xx, xy, yy] = rows.columns::<{ column::COUNT }>();
+    let n = count.len();
+    for i in 0..n {
+        if count[i] == 0.0 || mask.is_some_and(|mask| !mask[i]) {
+            continue;
+        }
+        let landmark = Gaussian { mean: [mean_x[i], mean_y[i]], covariance: Symmetric2::new(xx[i], xy[i], yy[i]) };
+        let (after, fit) = correct(model, poses.get(i), measured.value, measured.noise, landmark);
+        count[i] += 1.0;
+        [mean_x[i], mean_y[i]] = after.mean;
+        (xx[i], xy[i], yy[i]) = (after.covariance.xx, after.covariance.xy, after.covariance.yy);
+        weigh(i, fit.log_likelihood);
+    }
+}
+
+/// The rows of a new landmark in all maps (those in `mask`; absent in the others), columns one after the other.
+pub fn first_rows<M: MeasurementModel>(
+    model: &M,
+    poses: &SensorPoses,
+    measured: Measured,
+    mask: Option<&[bool]>,
+    columns: usize,
+    values: &mut Vec<f64>,
+) {
+    let n = poses.x.len();
+    values.clear();
+    values.resize(columns * n, 0.0);
+    let [count, mean_x, mean_y, xx, xy, yy] = RowsMut::new(values, n).columns::<{ column::COUNT }>();
+    for i in (0..n).filter(|i| mask.is_none_or(|mask| mask[*i])) {
+        let landmark = first_sighting(model, poses.get(i), measured.value, measured.noise);
+        count[i] = 1.0;
+        [mean_x[i], mean_y[i]] = landmark.mean;
+        (xx[i], xy[i], yy[i]) = (landmark.covariance.xx, landmark.covariance.xy, landmark.covariance.yy);
+    }
+}
+
+/// The Gaussian of particle `i` in rows of a landmark; `None` where it is absent.
+#[inline(always)]
+pub fn gaussian_in(rows: &Rows<'_>, i: usize) -> Option<Gaussian> {
+    (rows.column(column::SIGHTINGS)[i] != 0.0).then(|| Gaussian {
+        mean: [rows.column(column::MEAN_X)[i], rows.column(column::MEAN_Y)[i]],
+        covariance: Symmetric2::new(
+            rows.column(column::COV_XX)[i],
+            rows.column(column::COV_XY)[i],
+            rows.column(column::COV_YY)[i],
+        ),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measurement::RangeBearing;
+
+    const MODEL: RangeBearing = RangeBearing { range_std_m: 0.2, bearing_std_rad: 0.05 };
+
+    #[test]
+    fn the_first_covariance_is_the_measurement_noise_seen_from_the_pose() {
+        // Straight ahead at 4 m: 0.2 m along the view, 4 m · 0.05 rad across it; here the view is along y.
+        let pose = Pose::new(1.0, 2.0, std::f64::consts::FRAC_PI_2);
+        let landmark = first_sighting(&MODEL, pose, [4.0, 0.0], MODEL.noise_covariance());
+        assert!((landmark.mean[0] - 1.0).abs() < 1e-12 && (landmark.mean[1] - 6.0).abs() < 1e-12);
+        assert!((landmark.covariance.yy - 0.04).abs() < 1e-12);
+        assert!((landmark.covariance.xx - 0.04).abs() < 1e-12);
+        assert!(landmark.covariance.xy.abs() < 1e-12);
+    }
+
+    #[test]
+    fn correcting_agrees_with_the_information_form() {
+        let pose = Pose::new(0.3, -0.2, 0.4);
+        let before = Gaussian { mean: [3.0, 1.5], covariance: Symmetric2::new(0.3, 0.1, 0.2) };
+        let measured = [3.1, 0.1];
+        let (after, fit) = correct(&MODEL, pose, measured, MODEL.noise_covariance(), before);
+        // Information form: Σ⁻¹ + Gᵀ R⁻¹ G, and the gain Σ' Gᵀ R⁻¹.
+        let linear = MODEL.linearize(pose, before.mean);
+        let innovation = MODEL.innovation(measured, linear.expected);
+        let r = [0.04_f64.recip(), 0.0025_f64.recip()];
+        let g = linear.by_landmark;
+        let det = before.covariance.determinant();
+        let information = Symmetric2::new(
+            before.covariance.yy / det + g[0][0] * g[0][0] * r[0] + g[1][0] * g[1][0] * r[1],
+            -before.covariance.xy / det + g[0][0] * g[0][1] * r[0] + g[1][0] * g[1][1] * r[1],
+            before.covariance.xx / det + g[0][1] * g[0][1] * r[0] + g[1][1] * g[1][1] * r[1],
+        );
+        let d = information.determinant();
+        let expected = Symmetric2::new(information.yy / d, -information.xy / d, information.xx / d);
+        assert!((after.covariance.xx - expected.xx).abs() < 1e-14);
+        assert!((after.covariance.xy - expected.xy).abs() < 1e-14);
+        assert!((after.covariance.yy - expected.yy).abs() < 1e-14);
+        let push = [
+            g[0][0] * r[0] * innovation[0] + g[1][0] * r[1] * innovation[1],
+            g[0][1] * r[0] * innovation[0] + g[1][1] * r[1] * innovation[1],
+        ];
+        assert!((after.mean[0] - (3.0 + expected.xx * push[0] + expected.xy * push[1])).abs() < 1e-13);
+        assert!((after.mean[1] - (1.5 + expected.xy * push[0] + expected.yy * push[1])).abs() < 1e-13);
+        assert!(fit.mahalanobis_squared > 0.0);
+    }
+
+    #[test]
+    fn the_likelihood_is_the_normal_density() {
+        // Q = diag(4, 9), ν = (2, 3): d² = 2, density exp(-1) / (2π · 6).
+        let fit = fit([2.0, 3.0], Symmetric2::new(4.0, 0.0, 9.0));
+        assert!((fit.mahalanobis_squared - 2.0).abs() < 1e-15);
+        let density = (-1.0_f64).exp() / (std::f64::consts::TAU * 6.0);
+        assert!((fit.log_likelihood - density.ln()).abs() < 1e-14);
+    }
+}

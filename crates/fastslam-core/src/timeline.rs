@@ -1,0 +1,281 @@
+//! Merges controls and sightings into the steps of a run.
+
+use crate::error::{Error, Result};
+use crate::filter::Sighting;
+use crate::geometry::Pose;
+use crate::motion::ControlTiming;
+
+/// A log as the filter reads it. All stamps in seconds.
+#[derive(Clone, Debug, Default)]
+pub struct LogData {
+    /// Stamps of the controls, strictly increasing.
+    pub control_stamps_s: Vec<f64>,
+    /// Controls, in the columns of the motion model.
+    pub controls: Vec<[f64; 3]>,
+    /// Stamps of the sightings, ascending; equal stamps are one step.
+    pub sighting_stamps_s: Vec<f64>,
+    /// The sightings.
+    pub sightings: Vec<Sighting>,
+}
+
+impl LogData {
+    /// Errors that say which row is out of order or not finite.
+    pub fn validate(&self) -> Result<()> {
+        let rows = |a: usize, b: usize, what: &str| {
+            if a == b {
+                Ok(())
+            } else {
+                Err(Error::Input(format!("{what}: {a} stamps for {b} rows")))
+            }
+        };
+        rows(self.control_stamps_s.len(), self.controls.len(), "controls")?;
+        rows(self.sighting_stamps_s.len(), self.sightings.len(), "sightings")?;
+        if self.controls.is_empty() && self.sightings.is_empty() {
+            return Err(Error::Input("the log is empty: neither controls nor sightings".into()));
+        }
+        if let Some(i) = self.controls.iter().position(|c| c.iter().any(|v| !v.is_finite())) {
+            return Err(Error::Input(format!("control {i} is not finite: {:?}", self.controls[i])));
+        }
+        ascending(&self.control_stamps_s, "control", |a, b| a < b)?;
+        ascending(&self.sighting_stamps_s, "sighting", |a, b| a <= b)
+    }
+}
+
+fn ascending(stamps: &[f64], what: &str, ordered: impl Fn(f64, f64) -> bool) -> Result<()> {
+    if let Some(i) = stamps.iter().position(|s| !s.is_finite()) {
+        return Err(Error::Input(format!("stamp of {what} {i} is not finite: {}", stamps[i])));
+    }
+    match stamps.windows(2).position(|pair| !ordered(pair[0], pair[1])) {
+        Some(i) => Err(Error::Input(format!(
+            "stamp of {what} {} is {} s, after {} s: expected stamps in ascending order",
+            i + 1,
+            stamps[i + 1],
+            stamps[i]
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// One thing that happens to the filter.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// The robot moves under a control for a time.
+    Control([f64; 3], f64),
+    /// All sightings of one stamp, as a range of rows; an empty range only records where the robot is.
+    Step {
+        /// Seconds.
+        stamp_s: f64,
+        /// First row.
+        first: usize,
+        /// One past the last row.
+        end: usize,
+    },
+}
+
+/// The steps of a log with the controls between them, in time order.
+///
+/// A held control is cut where a sighting falls into it; so is an increment, along its arc. Stretches without
+/// sightings get empty steps `path_period_s` apart, so that the path has no gaps.
+pub struct Timeline<'a> {
+    log: &'a LogData,
+    timing: ControlTiming,
+    path_period_s: f64,
+    now_s: f64,
+    last_step_s: f64,
+    control: usize,
+    sighting: usize,
+    end_s: f64,
+    done: bool,
+}
+
+impl<'a> Timeline<'a> {
+    /// The timeline of a valid log.
+    pub fn new(log: &'a LogData, timing: ControlTiming, path_period_s: f64) -> Self {
+        let first = |stamps: &[f64]| stamps.first().copied().unwrap_or(f64::INFINITY);
+        let last = |stamps: &[f64]| stamps.last().copied().unwrap_or(f64::NEG_INFINITY);
+        let start_s = first(&log.control_stamps_s).min(first(&log.sighting_stamps_s));
+        // An increment ends at its stamp and starts one period earlier, wherever that was.
+        Self {
+            log,
+            timing,
+            path_period_s,
+            now_s: start_s,
+            last_step_s: start_s,
+            control: 0,
+            sighting: 0,
+            end_s: last(&log.control_stamps_s).max(last(&log.sighting_stamps_s)),
+            done: false,
+        }
+    }
+
+    /// Number of steps at most: one per sighting stamp and one per path period.
+    pub fn step_bound(&self) -> usize {
+        let stamps = &self.log.sighting_stamps_s;
+        let distinct = usize::from(!stamps.is_empty()) + stamps.windows(2).filter(|w| w[0] != w[1]).count();
+        distinct + ((self.end_s - self.now_s) / self.path_period_s).ceil().max(0.0) as usize + 2
+    }
+
+    /// The motion from now to `until_s`, which no event interrupts.
+    fn motion_until(&mut self, until_s: f64) -> Option<Event> {
+        let stamps = &self.log.control_stamps_s;
+        let from_s = self.now_s;
+        self.now_s = until_s;
+        match self.timing {
+            ControlTiming::Held => {
+                // The last control at or before `from_s` holds.
+                let index = self.control.checked_sub(1)?;
+                (until_s > from_s).then(|| Event::Control(self.log.controls[index], until_s - from_s))
+            }
+            ControlTiming::Increment => {
+                let control = *self.log.controls.get(self.control)?;
+                let end_s = stamps[self.control];
+                let start_s = if self.control == 0 { from_s.min(end_s) } else { stamps[self.control - 1] };
+                if until_s >= end_s {
+                    self.control += 1;
+                }
+                if end_s <= start_s {
+                    return Some(Event::Control(control, 0.0));
+                }
+                let share = (until_s - from_s) / (end_s - start_s);
+                if share <= 0.0 {
+                    return None;
+                }
+                let motion = if share < 1.0 { Pose::from(control).fraction(share).to_array() } else { control };
+                Some(Event::Control(motion, until_s - from_s))
+            }
+        }
+    }
+
+    /// Stamp at which the present control ends.
+    fn next_control_stamp(&self) -> f64 {
+        self.log.control_stamps_s.get(self.control).copied().unwrap_or(f64::INFINITY)
+    }
+}
+
+impl Iterator for Timeline<'_> {
+    type Item = Event;
+
+    fn next(&mut self) -> Option<Event> {
+        loop {
+            let sightings = &self.log.sighting_stamps_s;
+            let next_sighting = sightings.get(self.sighting).copied().unwrap_or(f64::INFINITY);
+            let next_control = self.next_control_stamp();
+            let filler = (self.last_step_s + self.path_period_s).min(self.end_s);
+            let target = next_sighting.min(next_control).min(filler);
+            if self.done || !target.is_finite() {
+                return None;
+            }
+            // A control that takes effect now.
+            if next_control <= self.now_s && next_control <= target {
+                match self.timing {
+                    ControlTiming::Held => self.control += 1,
+                    ControlTiming::Increment => return self.motion_until(self.now_s),
+                }
+                continue;
+            }
+            if target > self.now_s {
+                if let Some(event) = self.motion_until(target) {
+                    return Some(event);
+                }
+                continue;
+            }
+            if next_sighting <= self.now_s {
+                let first = self.sighting;
+                let count = sightings[first..].iter().take_while(|s| **s == next_sighting).count();
+                self.sighting += count;
+                self.last_step_s = self.now_s;
+                return Some(Event::Step { stamp_s: next_sighting, first, end: first + count });
+            }
+            // Nothing but the end or a long gap stops here.
+            let at_end = self.now_s >= self.end_s;
+            let recorded = self.last_step_s == self.now_s && self.sighting > 0;
+            self.done = at_end;
+            self.last_step_s = self.now_s;
+            if !recorded {
+                return Some(Event::Step { stamp_s: self.now_s, first: self.sighting, end: self.sighting });
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sighting() -> Sighting {
+        Sighting { range_m: 1.0, bearing_rad: 0.0, identity: None, noise: None }
+    }
+
+    fn log(controls: &[(f64, [f64; 3])], sightings: &[f64]) -> LogData {
+        LogData {
+            control_stamps_s: controls.iter().map(|c| c.0).collect(),
+            controls: controls.iter().map(|c| c.1).collect(),
+            sighting_stamps_s: sightings.to_vec(),
+            sightings: vec![sighting(); sightings.len()],
+        }
+    }
+
+    /// Distance driven and duration before each step, with the step's stamp and its sightings.
+    fn steps(log: &LogData, timing: ControlTiming, period: f64) -> Vec<(f64, usize, f64, f64)> {
+        assert_eq!(log.validate(), Ok(()));
+        let mut out = Vec::new();
+        let (mut distance, mut time) = (0.0, 0.0);
+        for event in Timeline::new(log, timing, period) {
+            match event {
+                Event::Control(control, dt) => {
+                    distance += if timing == ControlTiming::Held { control[0] * dt } else { control[0] };
+                    time += dt;
+                }
+                Event::Step { stamp_s, first, end } => out.push((stamp_s, end - first, distance, time)),
+            }
+        }
+        out
+    }
+
+    #[test]
+    fn a_held_control_is_cut_at_the_sightings() {
+        let log = log(&[(0.0, [1.0, 0.0, 0.0]), (1.0, [2.0, 0.0, 0.0])], &[0.25, 0.25, 1.5]);
+        let expected = vec![(0.25, 2, 0.25, 0.25), (1.5, 1, 2.0, 1.5)];
+        assert_eq!(steps(&log, ControlTiming::Held, 10.0), expected);
+    }
+
+    #[test]
+    fn an_increment_is_cut_in_proportion() {
+        let log = log(&[(1.0, [1.0, 0.0, 0.0]), (2.0, [4.0, 0.0, 0.0])], &[1.0, 1.25, 2.0]);
+        let got: Vec<(f64, f64)> = steps(&log, ControlTiming::Increment, 10.0).iter().map(|s| (s.0, s.2)).collect();
+        assert_eq!(got, vec![(1.0, 1.0), (1.25, 2.0), (2.0, 5.0)]);
+    }
+
+    #[test]
+    fn gaps_are_filled_and_the_end_is_recorded() {
+        let log = log(&[(0.0, [1.0, 0.0, 0.0]), (3.2, [0.0, 0.0, 0.0])], &[0.5]);
+        let got: Vec<(f64, usize)> = steps(&log, ControlTiming::Held, 1.0).iter().map(|s| (s.0, s.1)).collect();
+        assert_eq!(got, vec![(0.5, 1), (1.5, 0), (2.5, 0), (3.2, 0)]);
+    }
+
+    #[test]
+    fn sightings_before_the_first_control_are_steps_at_rest() {
+        let log = log(&[(1.0, [1.0, 0.0, 0.0])], &[0.0, 1.0, 2.0]);
+        let got = steps(&log, ControlTiming::Held, 10.0);
+        assert_eq!(got.iter().map(|s| s.2).collect::<Vec<_>>(), vec![0.0, 0.0, 1.0]);
+    }
+
+    #[test]
+    fn every_control_acts_exactly_once() {
+        let controls: Vec<(f64, [f64; 3])> = (0..50).map(|i| (0.1 * f64::from(i), [1.0, 0.0, 0.0])).collect();
+        let sightings: Vec<f64> = (0..16).map(|i| 0.31 * f64::from(i)).collect();
+        let held = steps(&log(&controls, &sightings), ControlTiming::Held, 0.4);
+        assert!((held.last().unwrap().2 - 4.9).abs() < 1e-9);
+        let increments = steps(&log(&controls, &sightings), ControlTiming::Increment, 0.4);
+        assert!((increments.last().unwrap().2 - 50.0).abs() < 1e-9, "{increments:?}");
+    }
+
+    #[test]
+    fn disorder_is_an_error_that_names_the_row() {
+        let bad = log(&[(0.0, [0.0; 3]), (0.0, [0.0; 3])], &[]);
+        assert!(bad.validate().unwrap_err().to_string().starts_with("stamp of control 1 is 0 s, after 0 s"));
+        let bad = log(&[], &[1.0, f64::NAN]);
+        assert!(bad.validate().unwrap_err().to_string().contains("sighting 1"));
+        assert!(log(&[], &[]).validate().is_err());
+    }
+}

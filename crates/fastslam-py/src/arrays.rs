@@ -1,0 +1,49 @@
+//! Arrays in and out.
+
+use fastslam_core::filter::Sighting;
+use fastslam_core::geometry::Symmetric2;
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+/// Rows of two or three controls as arrays of three; a missing third is zero.
+pub fn controls(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 3]>> {
+    let view = array.as_array();
+    let columns = view.ncols();
+    if !(2..=3).contains(&columns) {
+        return Err(PyValueError::new_err(format!("controls: got {columns} columns, expected 2 or 3")));
+    }
+    Ok(view.rows().into_iter().map(|r| [r[0], r[1], if columns == 3 { r[2] } else { 0.0 }]).collect())
+}
+
+/// Sightings from columns of equal length; identity −1 means unknown, a noise covariance of NaN means the sensor's.
+pub fn sightings(
+    range_m: &PyReadonlyArray1<'_, f64>,
+    bearing_rad: &PyReadonlyArray1<'_, f64>,
+    identity: &PyReadonlyArray1<'_, i64>,
+    noise: Option<&PyReadonlyArray2<'_, f64>>,
+) -> PyResult<Vec<Sighting>> {
+    let (range_m, bearing_rad, identity) = (range_m.as_array(), bearing_rad.as_array(), identity.as_array());
+    let n = range_m.len();
+    if bearing_rad.len() != n || identity.len() != n || noise.is_some_and(|a| a.as_array().dim() != (n, 3)) {
+        return Err(PyValueError::new_err(format!(
+            "sightings: got {n} ranges, {} bearings and {} identities, expected equal numbers (and noise as n x 3)",
+            bearing_rad.len(),
+            identity.len()
+        )));
+    }
+    (0..n)
+        .map(|i| {
+            let identity = match identity[i] {
+                -1 => None,
+                value => Some(u32::try_from(value).map_err(|_| {
+                    PyValueError::new_err(format!("sightings: identity {value} of row {i}, expected -1 to 4294967295"))
+                })?),
+            };
+            let noise = noise
+                .map(|a| a.as_array())
+                .and_then(|a| a[[i, 0]].is_finite().then(|| Symmetric2::new(a[[i, 0]], a[[i, 1]], a[[i, 2]])));
+            Ok(Sighting { range_m: range_m[i], bearing_rad: bearing_rad[i], identity, noise })
+        })
+        .collect()
+}

@@ -1,0 +1,88 @@
+//! The filter, step by step.
+
+use crate::{arrays, config, run};
+use fastslam_core::filter::{FastSlam, Identities};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// FastSLAM, one control and one scan at a time.
+#[pyclass]
+pub struct Filter {
+    filter: FastSlam,
+}
+
+#[pymethods]
+impl Filter {
+    #[new]
+    fn new(config_json: &str, identities: &str) -> PyResult<Self> {
+        let identities = match identities {
+            "all" => Identities::All,
+            "some" => Identities::Some,
+            "none" => Identities::None,
+            other => return Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
+        };
+        let filter = FastSlam::new(config::parse(config_json)?, identities).map_err(config::to_python)?;
+        Ok(Self { filter })
+    }
+
+    fn predict(&mut self, py: Python<'_>, control: [f64; 3], dt_s: f64) -> PyResult<()> {
+        py.detach(|| self.filter.predict(control, dt_s)).map_err(config::to_python)
+    }
+
+    #[pyo3(signature = (stamp_s, range_m, bearing_rad, identity, noise=None))]
+    fn update<'py>(
+        &mut self,
+        py: Python<'py>,
+        stamp_s: f64,
+        range_m: PyReadonlyArray1<'py, f64>,
+        bearing_rad: PyReadonlyArray1<'py, f64>,
+        identity: PyReadonlyArray1<'py, i64>,
+        noise: Option<PyReadonlyArray2<'py, f64>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref())?;
+        let info = py.detach(|| self.filter.update(stamp_s, &sightings)).map_err(config::to_python)?;
+        let dict = PyDict::new(py);
+        dict.set_item("step", info.step)?;
+        dict.set_item("sightings", info.sightings)?;
+        dict.set_item("new_landmarks", info.new_landmarks)?;
+        dict.set_item("ignored", info.ignored)?;
+        dict.set_item("effective_sample_size", info.effective_sample_size)?;
+        dict.set_item("resampled", info.resampled)?;
+        dict.set_item("log_likelihood", info.log_likelihood)?;
+        dict.set_item("landmarks", info.landmarks)?;
+        let skipped = info.skipped;
+        dict.set_item("skipped", skipped.not_finite + skipped.too_near + skipped.too_far + skipped.without_identity)?;
+        Ok(dict)
+    }
+
+    /// Mean (3) and covariance (3, 3) of the pose now.
+    fn pose<'py>(&mut self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+        let estimate = py.detach(|| self.filter.predicted_pose());
+        let covariance = estimate.covariance.concat().into_pyarray(py).reshape([3, 3])?;
+        Ok((estimate.mean.to_array().to_vec().into_pyarray(py), covariance))
+    }
+
+    /// Poses (M, 3) and normalised weights (M) of the particles.
+    fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+        let particles = self.filter.particles();
+        let motion = self.filter.pending_motion().mean;
+        let poses: Vec<f64> = (0..particles.len()).flat_map(|i| particles.pose(i).compose(motion).to_array()).collect();
+        Ok((poses.into_pyarray(py).reshape([particles.len(), 3])?, self.filter.weights().to_vec().into_pyarray(py)))
+    }
+
+    fn map<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let map = py.detach(|| self.filter.map());
+        run::map_to_dict(py, &map)
+    }
+
+    /// Stamps (T) and poses (T, 3) of the path of the best particle.
+    fn best_path<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+        let path = self.filter.best_path();
+        let poses: Vec<f64> = path.iter().flat_map(|node| node.1.to_array()).collect();
+        let stamps: Vec<f64> = path.iter().map(|node| node.0).collect();
+        let count = stamps.len();
+        Ok((stamps.into_pyarray(py), poses.into_pyarray(py).reshape([count, 3])?))
+    }
+}

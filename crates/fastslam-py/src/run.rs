@@ -1,0 +1,133 @@
+//! A whole log in one call.
+
+use crate::{arrays, config};
+use fastslam_core::filter::MapEstimate;
+use fastslam_core::run::{Observer, RunOutput, StepRecord};
+use fastslam_core::timeline::{LogData, Timeline};
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::time::Instant;
+
+/// Seconds between two calls of the progress callback, which are also the moments at which Ctrl-C is seen.
+const PROGRESS_PERIOD_S: f64 = 0.1;
+
+struct Progress {
+    start: Instant,
+    next_s: f64,
+    total: usize,
+    callback: Option<Py<PyAny>>,
+    failure: Option<PyErr>,
+}
+
+impl Observer for Progress {
+    fn now_s(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+
+    fn step_done(&mut self, done: usize) -> bool {
+        let now_s = self.now_s();
+        if now_s < self.next_s {
+            return true;
+        }
+        self.next_s = now_s + PROGRESS_PERIOD_S;
+        let result = Python::attach(|py| {
+            py.check_signals()?;
+            match &self.callback {
+                Some(callback) => callback.call1(py, (done, self.total)).map(|_| ()),
+                None => Ok(()),
+            }
+        });
+        self.failure = result.err();
+        self.failure.is_none()
+    }
+}
+
+/// Runs the filter over a log. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
+/// been computed; any other exception of `progress` is raised.
+#[pyfunction]
+#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None))]
+#[allow(clippy::too_many_arguments)] // One array per column of a log.
+pub fn run<'py>(
+    py: Python<'py>,
+    config_json: &str,
+    control_stamps_s: PyReadonlyArray1<'py, f64>,
+    controls: PyReadonlyArray2<'py, f64>,
+    sighting_stamps_s: PyReadonlyArray1<'py, f64>,
+    range_m: PyReadonlyArray1<'py, f64>,
+    bearing_rad: PyReadonlyArray1<'py, f64>,
+    identity: PyReadonlyArray1<'py, i64>,
+    noise: Option<PyReadonlyArray2<'py, f64>>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let config = config::parse(config_json)?;
+    let log = LogData {
+        control_stamps_s: control_stamps_s.as_array().to_vec(),
+        controls: arrays::controls(&controls)?,
+        sighting_stamps_s: sighting_stamps_s.as_array().to_vec(),
+        sightings: arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref())?,
+    };
+    let total = Timeline::new(&log, config.motion.timing(), config.filter.path_period_s).step_bound();
+    let mut observer = Progress { start: Instant::now(), next_s: 0.0, total, callback: progress, failure: None };
+    let output = py.detach(|| fastslam_core::run::run(&config, &log, &mut observer)).map_err(config::to_python)?;
+    if let Some(error) = observer.failure.filter(|e| !e.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)) {
+        return Err(error);
+    }
+    to_dict(py, &output)
+}
+
+fn to_dict<'py>(py: Python<'py>, output: &RunOutput) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let steps = &output.steps;
+    let column = |f: &dyn Fn(&StepRecord) -> f64| -> Bound<'py, PyArray1<f64>> {
+        steps.iter().map(f).collect::<Vec<_>>().into_pyarray(py)
+    };
+    let counts = |f: &dyn Fn(&StepRecord) -> i64| -> Bound<'py, PyArray1<i64>> {
+        steps.iter().map(f).collect::<Vec<_>>().into_pyarray(py)
+    };
+    dict.set_item("stamp_s", column(&|s| s.stamp_s))?;
+    let poses: Vec<f64> = steps.iter().flat_map(|s| s.pose.mean.to_array()).collect();
+    dict.set_item("T_world_robot", poses.into_pyarray(py).reshape([steps.len(), 3])?)?;
+    let covariances: Vec<f64> = steps.iter().flat_map(|s| s.pose.covariance.concat()).collect();
+    dict.set_item("covariance", covariances.into_pyarray(py).reshape([steps.len(), 3, 3])?)?;
+    dict.set_item("effective_sample_size", column(&|s| s.info.effective_sample_size))?;
+    dict.set_item("log_likelihood", column(&|s| s.info.log_likelihood))?;
+    dict.set_item("latency_us", column(&|s| 1e6 * s.latency_s))?;
+    dict.set_item("resampled", steps.iter().map(|s| s.info.resampled).collect::<Vec<_>>().into_pyarray(py))?;
+    dict.set_item("sightings", counts(&|s| s.info.sightings.into()))?;
+    dict.set_item("new_landmarks", counts(&|s| s.info.new_landmarks.into()))?;
+    dict.set_item("ignored", counts(&|s| s.info.ignored.into()))?;
+    dict.set_item("landmarks", counts(&|s| s.info.landmarks.into()))?;
+    let smoothed = &output.smoothed;
+    dict.set_item("smoothed_stamp_s", smoothed.iter().map(|n| n.0).collect::<Vec<_>>().into_pyarray(py))?;
+    let poses: Vec<f64> = smoothed.iter().flat_map(|n| n.1.to_array()).collect();
+    dict.set_item("smoothed_T_world_robot", poses.into_pyarray(py).reshape([smoothed.len(), 3])?)?;
+    dict.set_item("map", map_to_dict(py, &output.map)?)?;
+    dict.set_item("filter_seconds", output.filter_seconds)?;
+    dict.set_item("interrupted", output.interrupted)?;
+    dict.set_item("store_rows", output.usage.rows)?;
+    dict.set_item("store_bytes", output.usage.bytes)?;
+    let skipped = PyDict::new(py);
+    skipped.set_item("sightings_not_finite", output.skipped.not_finite)?;
+    skipped.set_item("sightings_too_near", output.skipped.too_near)?;
+    skipped.set_item("sightings_too_far", output.skipped.too_far)?;
+    skipped.set_item("sightings_without_identity", output.skipped.without_identity)?;
+    dict.set_item("skipped", skipped)?;
+    Ok(dict)
+}
+
+/// A map as arrays: identity is −1 where nobody said one.
+pub fn map_to_dict<'py>(py: Python<'py>, map: &MapEstimate) -> PyResult<Bound<'py, PyDict>> {
+    let landmarks = &map.landmarks;
+    let n = landmarks.len();
+    let dict = PyDict::new(py);
+    let integers = |values: Vec<i64>| values.into_pyarray(py);
+    dict.set_item("birth", integers(landmarks.iter().map(|l| l.birth as i64).collect()))?;
+    dict.set_item("identity", integers(landmarks.iter().map(|l| l.identity.map_or(-1, i64::from)).collect()))?;
+    dict.set_item("sightings", integers(landmarks.iter().map(|l| i64::from(l.sightings)).collect()))?;
+    let means: Vec<f64> = landmarks.iter().flat_map(|l| l.mean).collect();
+    dict.set_item("mean_m", means.into_pyarray(py).reshape([n, 2])?)?;
+    let covariances: Vec<f64> = landmarks.iter().map(|l| l.covariance).flat_map(|c| [c.xx, c.xy, c.xy, c.yy]).collect();
+    dict.set_item("covariance_m2", covariances.into_pyarray(py).reshape([n, 2, 2])?)?;
+    Ok(dict)
+}
