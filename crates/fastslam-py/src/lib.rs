@@ -2,8 +2,11 @@
 
 mod arrays;
 mod config;
+mod detect;
 mod filter;
 mod run;
+mod settings;
+mod simulation;
 
 use pyo3::prelude::*;
 
@@ -17,5 +20,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(config::control_columns, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
     module.add_class::<filter::Filter>()?;
-    Ok(())
+    detect::register(module)?;
+    simulation::register(module)
 }

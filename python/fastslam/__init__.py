@@ -1,0 +1,11 @@
+"""Landmark SLAM by Rao-Blackwellized particle filtering: from a log to a map and a path."""
+
+from ._core import __version__
+from .config import Config
+from .datasets import load
+from .errors import FastSlamError
+from .log import Log
+from .result import RunResult
+from .runner import run, run_many
+
+__all__ = ["Config", "FastSlamError", "Log", "RunResult", "__version__", "load", "run", "run_many"]

@@ -1,0 +1,19 @@
+"""Figures of a run. Importing this imports Matplotlib; nothing else in the package does."""
+
+from .figures import make_figures, render, write_figures
+from .map import plot_map
+from .over_time import plot_effective_sample_size, plot_error_over_time, plot_latency, plot_latency_histogram
+from .style import house_style, new_figure
+
+__all__ = [
+    "house_style",
+    "make_figures",
+    "new_figure",
+    "plot_effective_sample_size",
+    "plot_error_over_time",
+    "plot_latency",
+    "plot_latency_histogram",
+    "plot_map",
+    "render",
+    "write_figures",
+]

@@ -1,0 +1,62 @@
+"""The four figures that every run gets, as objects, PNG files or SVG text."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from ..evaluation import Evaluation, evaluate_run
+from ..log import Log
+from ..result import RunResult
+from ..resultfiles import write_atomically
+from . import style
+from .map import plot_map
+from .over_time import plot_effective_sample_size, plot_error_over_time, plot_latency, plot_latency_histogram
+
+
+def make_figures(result: RunResult, log: Log, *, evaluation: Evaluation | None = None) -> dict[str, Figure]:
+    """The figures `map`, `error`, `effective_sample_size` and `latency`, by name."""
+    found = evaluate_run(result, log) if evaluation is None else evaluation
+    with style.house_style():
+        map_figure = style.new_figure(8.0, 7.2)
+        plot_map(map_figure.add_subplot(), result, log, evaluation=found)
+        error_figure = style.new_figure(8.0, 3.8)
+        plot_error_over_time(error_figure.add_subplot(), result, log, evaluation=found)
+        sample_figure = style.new_figure(8.0, 3.4)
+        plot_effective_sample_size(sample_figure.add_subplot(), result)
+        latency_figure = style.new_figure(8.0, 3.4)
+        left, right = latency_figure.subplots(1, 2, width_ratios=[3, 2])
+        plot_latency(left, result)
+        plot_latency_histogram(right, result)
+    return {
+        "map": map_figure,
+        "error": error_figure,
+        "effective_sample_size": sample_figure,
+        "latency": latency_figure,
+    }
+
+
+def write_figures(
+    result: RunResult, log: Log, folder: Path | str, *, evaluation: Evaluation | None = None
+) -> dict[str, Path]:
+    """Write the figures as `<name>.png`, each whole or not at all; returns file name to path.
+
+    Errors: `DataError` where the folder cannot be written.
+    """
+    figures = make_figures(result, log, evaluation=evaluation)
+    names = {f"{name}.png": figure for name, figure in figures.items()}
+    return {
+        name: write_atomically(Path(folder) / name, render(figure, "png")) for name, figure in names.items()
+    }
+
+
+def render(figure: Figure, image_format: str) -> bytes:
+    """A figure as bytes of a `png` or `svg` file; the same figure always gives the same bytes."""
+    metadata: dict[str, Any] = {"Date": None} if image_format == "svg" else {"Software": None}
+    buffer = io.BytesIO()
+    with style.house_style():
+        figure.savefig(buffer, format=image_format, metadata=metadata)
+    return buffer.getvalue()

@@ -1,0 +1,138 @@
+"""The map: landmarks with their uncertainty, the path, and the truth where it is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from ..evaluation import Evaluation, RigidTransform, evaluate_run
+from ..log import Floats, Log
+from ..result import LandmarkMap, RunResult
+from . import style
+
+ELLIPSE_SIGMAS = 2.0
+MAX_CLEAR_LANDMARKS = 2000
+"""Of more landmarks than this each becomes a dot under the path, or they would cover everything."""
+
+
+def plot_map(axis: Axes, result: RunResult, log: Log, *, evaluation: Evaluation | None = None) -> Axes:
+    """Draw landmarks with covariance ellipses, live and smoothed path, and truth, in the world of the run.
+
+    The truth is brought into the run's world by the rigid alignment of the evaluation; fixes farther from
+    the path than the inlier distance are left out. `evaluation` saves evaluating again.
+    """
+    found = evaluate_run(result, log) if evaluation is None else evaluation
+    _plot_truth(axis, log, found)
+    live, smoothed = result.trajectory.T_world_robot, result.smoothed.T_world_robot
+    # The upper line is the thinner one, so that both are seen where they agree.
+    _plot_path(axis, live, color=style.LIVE, linewidth=2.2, label="path, live", zorder=3)
+    _plot_path(axis, smoothed, color=style.SMOOTHED, linewidth=1.0, label="path, smoothed", zorder=4)
+    path = smoothed if len(smoothed) else live
+    if len(path):
+        ends: dict[str, Any] = {
+            "markersize": 8,
+            "linestyle": "none",
+            "markeredgecolor": style.INK,
+            "zorder": 8,
+        }
+        axis.plot(*path[0, :2], marker="^", markerfacecolor=style.GOOD, label="start", **ends)
+        axis.plot(*path[-1, :2], marker="s", markerfacecolor=style.EVENT, label="end", **ends)
+    _plot_landmarks(axis, result.landmarks)
+    axis.set_aspect("equal", adjustable="datalim")
+    for side in (axis.xaxis, axis.yaxis):
+        side.set_major_locator(MaxNLocator(nbins=9, steps=[1, 2, 5, 10]))
+    axis.set_xlabel("x in world [m]")
+    axis.set_ylabel("y in world [m]")
+    axis.set_title(f"Map and path, {len(result.landmarks.ids):,} landmarks")
+    if axis.get_legend_handles_labels()[0]:
+        style.legend_below(axis)
+    return axis
+
+
+def ellipse_axes(covariance_m2: Floats) -> tuple[Floats, Floats, Floats]:
+    """Full lengths of the major and minor axis [m] and the major axis's angle [deg] of 2-sigma ellipses.
+
+    Shapes: covariances (K, 2, 2); results (K,). Two standard deviations hold 86 % of a planar Gaussian.
+    """
+    values, vectors = np.linalg.eigh(covariance_m2)
+    lengths = 2.0 * ELLIPSE_SIGMAS * np.sqrt(np.maximum(values, 0.0))
+    angle = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]))
+    return lengths[:, 1], lengths[:, 0], angle
+
+
+def _plot_path(axis: Axes, poses: Floats, **line: Any) -> None:
+    if len(poses):
+        axis.plot(poses[:, 0], poses[:, 1], **line, rasterized=style.is_heavy(len(poses)))
+
+
+def _plot_landmarks(axis: Axes, landmarks: LandmarkMap) -> None:
+    count = len(landmarks.ids)
+    if count == 0:
+        return
+    dots: dict[str, Any] = {"marker": "o", "markersize": 3.5 if count <= 500 else 1.5, "linestyle": "none"}
+    dots |= {"color": style.LANDMARK, "label": "landmark", "zorder": 6}
+    if count > MAX_CLEAR_LANDMARKS:
+        dots |= {"marker": ".", "markersize": 0.8, "zorder": 1.5, "alpha": 0.4}
+    axis.plot(*landmarks.mean_m.T, **dots, rasterized=style.is_heavy(10 * count))
+    major, minor, angle = ellipse_axes(landmarks.covariance_m2)
+    ellipses = EllipseCollection(
+        major,
+        minor,
+        angle,
+        units="xy",
+        offsets=landmarks.mean_m,
+        offset_transform=axis.transData,
+        facecolors=style.LANDMARK + "30",
+        edgecolors=style.LANDMARK if count <= MAX_CLEAR_LANDMARKS else "none",
+        linewidths=0.9 if count <= 500 else 0.4,
+        zorder=5 if count <= MAX_CLEAR_LANDMARKS else 1.4,
+        rasterized=style.is_heavy(10 * count),
+    )
+    axis.add_collection(ellipses)
+    proxy = Line2D([], [], marker="o", markersize=9, linestyle="none", color=style.LANDMARK)
+    proxy.set(markerfacecolor=style.LANDMARK + "30", label=f"{ELLIPSE_SIGMAS:g}σ ellipse")
+    axis.add_line(proxy)
+
+
+def _plot_truth(axis: Axes, log: Log, found: Evaluation) -> None:
+    transform = found.T_truth_world
+    if transform is None:
+        return
+    T_world_truth = transform.inverse()
+    if log.truth_trajectory is not None and found.live is not None:
+        true_path = T_world_truth.apply_points(log.truth_trajectory.T_world_robot[:, :2])
+        heavy = style.is_heavy(len(true_path))
+        line: dict[str, Any] = {"color": style.TRUTH, "linestyle": (0, (4, 2)), "linewidth": 1.2}
+        axis.plot(*true_path.T, **line, label="path, true (aligned)", zorder=2, rasterized=heavy)
+    elif found.fixes is not None:
+        _plot_fixes(axis, log, found.fixes.transform.inverse())
+    if log.truth_landmarks is not None and len(log.truth_landmarks.names):
+        points = T_world_truth.apply_points(log.truth_landmarks.position_m)
+        cross: dict[str, Any] = {"marker": "x", "markersize": 7, "markeredgewidth": 1.4, "color": style.INK}
+        cross |= {"linestyle": "none", "label": "landmark, true", "zorder": 7}
+        if len(points) > MAX_CLEAR_LANDMARKS:
+            cross |= {"marker": ".", "markersize": 1.2, "color": style.MUTED, "zorder": 1.3}
+        axis.plot(*points.T, **cross, rasterized=style.is_heavy(10 * len(points)))
+
+
+def _plot_fixes(axis: Axes, log: Log, T_world_fixes: RigidTransform) -> None:
+    """Fixes within reach of the picture: one wild fix must not shrink the map to a dot."""
+    if log.position_fixes is None:
+        return
+    points = T_world_fixes.apply_points(log.position_fixes.position_m)
+    low, high = np.percentile(points, [2, 98], axis=0)
+    margin = 0.15 * (high - low).max()
+    near = ((points >= low - margin) & (points <= high + margin)).all(axis=1)
+    dots: dict[str, Any] = {
+        "marker": ".",
+        "markersize": 3,
+        "linestyle": "none",
+        "color": style.TRUTH,
+        "alpha": 0.6,
+    }
+    axis.plot(*points[near].T, **dots, label="position fixes (aligned)", zorder=2)

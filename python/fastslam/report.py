@@ -1,0 +1,193 @@
+"""One self-contained HTML page about a run: key figures, pictures, metrics, problems, configuration."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+from importlib import resources
+from pathlib import Path
+from string import Template
+
+from .evaluation import Evaluation, Metrics, evaluate_run, flatten
+from .evaluation.display import MetricRow, format_metric, format_number, metric_rows, summary_rows
+from .evaluation.metrics import METRIC_UNITS, particle_count
+from .log import Log
+from .result import RunResult
+from .resultfiles import config_yaml, write_atomically
+
+REPORT_FILE = "report.html"
+
+_CARDS = (
+    ("ate_rmse_m", "path error, RMSE"),
+    ("smoothed_ate_rmse_m", "smoothed path error, RMSE"),
+    ("gps_median_m", "distance to GPS, median"),
+    ("landmark_rmse_m", "landmark error, RMSE"),
+    ("landmarks", "landmarks in the map"),
+    ("filter_seconds", "computing time"),
+    ("step_latency_us.p99", "step latency, 99th percentile"),
+)
+_CAPTIONS = {
+    "map": "Landmarks with 2σ ellipses of the mixture over particles (they hold 86 % of a planar Gaussian), "
+    "the path as known at each time (live) and in hindsight (smoothed).",
+    "error": "Distance between estimated and true position after rigid alignment; the band is twice the "
+    "standard deviation along the major axis of the reported covariance.",
+    "effective_sample_size": "1 / Σ weight² before resampling; a mark on the axis is a resampling.",
+    "latency": "Computing time of each filter step, in order and as a distribution.",
+}
+
+
+def write_report(
+    result: RunResult,
+    log: Log,
+    path: Path | str,
+    *,
+    evaluation: Evaluation | None = None,
+    runs: Sequence[Metrics] = (),
+) -> Path:
+    """Write the report of a run; with `runs`, metrics of several runs, a table that sums them up.
+
+    `path` is the file, or a folder that gets `report.html`. The page loads nothing from elsewhere.
+    Errors: `DataError` where it cannot be written.
+    """
+    target = Path(path)
+    if target.is_dir() or target.suffix == "":
+        target = target / REPORT_FILE
+    return write_atomically(target, render_report(result, log, evaluation=evaluation, runs=runs))
+
+
+def render_report(
+    result: RunResult, log: Log, *, evaluation: Evaluation | None = None, runs: Sequence[Metrics] = ()
+) -> str:
+    """The report as HTML text."""
+    found = evaluate_run(result, log) if evaluation is None else evaluation
+    page = resources.files("fastslam").joinpath("report_page.html").read_text(encoding="utf-8")
+    return Template(page).substitute(
+        title=escape(f"{log.name}: map and path"),
+        version=escape(result.version),
+        facts=_facts(result, log),
+        warnings=_warnings(result, found),
+        cards=_cards(found.metrics),
+        figures=_figures(result, log, found),
+        runs=_runs_table(runs) if len(runs) > 1 else "",
+        metrics=_metrics_tables(found.metrics),
+        problems=_problems(result, log),
+        config=escape(config_yaml(result)),
+    )
+
+
+def _facts(result: RunResult, log: Log) -> str:
+    particles = particle_count(result.config)
+    stamps = result.steps.stamp_s
+    parts = [
+        f"log format {log.format}",
+        f"{format_number(float(stamps[-1] - stamps[0]))} s of driving" if len(stamps) else "no steps",
+        "" if particles is None else f"{particles:,} particles",
+        f"seed {result.config['seed']}" if "seed" in result.config else "",
+        f"fastslam {result.version}",
+    ]
+    return " · ".join(escape(part) for part in parts if part)
+
+
+def _warnings(result: RunResult, found: Evaluation) -> str:
+    texts = []
+    if result.interrupted:
+        texts.append("This run was stopped before the end of the log; everything here is up to that point.")
+    if len(result.steps.stamp_s) == 0:
+        texts.append("The log gave the filter no step, so there is no map and no path.")
+    undetermined = [name for name, value in found.metrics.items() if value is None and name in METRIC_UNITS]
+    if undetermined:
+        texts.append("Not determined in this run: " + ", ".join(undetermined) + ".")
+    return "".join(f'<p class="warning">{escape(text)}</p>' for text in texts)
+
+
+def _cards(metrics: Metrics) -> str:
+    flat = flatten(metrics)
+    cards = []
+    for name, label in _CARDS:
+        if flat.get(name) is not None:
+            text, unit = format_metric(name, flat[name])
+            cards.append(_card(text, unit, label))
+    precision, recall = flat.get("landmark_precision"), flat.get("landmark_recall")
+    if precision is not None and recall is not None:
+        cards.insert(-3, _card(f"{precision:.0%} / {recall:.0%}", "", "landmark precision / recall"))
+    return "".join(cards)
+
+
+def _card(text: str, unit: str, label: str) -> str:
+    return f'<div class="card"><b>{escape(text)} <small>{escape(unit)}</small></b><span>{label}</span></div>'
+
+
+def _figures(result: RunResult, log: Log, found: Evaluation) -> str:
+    # Imported here so that scoring and result files work where Matplotlib is not installed.
+    from .plots import make_figures, render
+
+    blocks = []
+    for name, figure in make_figures(result, log, evaluation=found).items():
+        svg = _themed(render(figure, "svg").decode(), name)
+        blocks.append(f"<figure>{svg}<figcaption>{_CAPTIONS[name]}</figcaption></figure>")
+    return "".join(blocks)
+
+
+def _themed(svg: str, name: str) -> str:
+    """SVG ready to stand in the page: its greys follow the page's theme, its ids are its own."""
+    from .plots import style
+
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
+    colors = {style.INK: "ink", style.MUTED: "axis", style.GRID: "grid", style.TRUTH: "truth"}
+    colors |= {style.PAPER: "paper", style.LIVE: "live"}
+    for color, variable in colors.items():
+        svg = svg.replace(color, f"var(--{variable})")
+    svg = re.sub(r'id="([^"]+)"', rf'id="{name}-\1"', svg)
+    svg = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', svg)
+    svg = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", svg)
+    return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(name.replace("_", " "))}" ', 1)
+
+
+def _metrics_tables(metrics: Metrics) -> str:
+    """The metrics in two tables side by side: what the run cost, and how good it was."""
+    rows = [row for row in metric_rows(metrics) if not row.name.startswith("counts.")]
+    quality = [row for row in rows if row.name.startswith(_QUALITY)]
+    cost = [row for row in rows if not row.name.startswith(_QUALITY)]
+    return "".join(_table(table) for table in (quality, cost) if table)
+
+
+_QUALITY = ("ate_", "smoothed_", "heading_", "relative_", "truth_", "landmark_", "gps_")
+
+
+def _table(rows: Iterable[MetricRow]) -> str:
+    cells = (
+        f'<tr><td><code>{escape(row.name)}</code></td><td class="number">{escape(row.value)}</td>'
+        f'<td class="unit">{escape(row.unit)}</td></tr>'
+        for row in rows
+    )
+    head = '<tr><th>metric</th><th class="number">value</th><th>unit</th></tr>'
+    return f"<table>{head}{''.join(cells)}</table>"
+
+
+def _runs_table(runs: Sequence[Metrics]) -> str:
+    columns = ("runs", "mean", "± 95 %", "median", "least", "largest")
+    head = "".join(f'<th class="number">{column}</th>' for column in columns)
+    rows = []
+    for row in summary_rows(runs):
+        cells = (str(row.runs), row.mean, row.ci95, row.median, row.min, row.max)
+        numbers = "".join(f'<td class="number">{cell}</td>' for cell in cells)
+        unit = f'<td class="unit">{escape(row.unit)}</td>'
+        rows.append(f"<tr><td><code>{escape(row.name)}</code></td>{numbers}{unit}</tr>")
+    title = f"<h2>Over {len(runs)} runs</h2><p>Mean with its 95 % confidence interval (Student t). "
+    title += "Pictures and the other tables are of one of these runs.</p>"
+    table = f"<table><tr><th>metric</th>{head}<th>unit</th></tr>{''.join(rows)}</table>"
+    return f'{title}<div class="scroll">{table}</div>'
+
+
+def _problems(result: RunResult, log: Log) -> str:
+    found = [("reading the log", problem.message, problem.count) for problem in log.problems]
+    found += [("filtering", name.replace("_", " "), count) for name, count in result.counts.items() if count]
+    if not found:
+        return "<p>None: no row was skipped and nothing was repaired.</p>"
+    rows = "".join(
+        f'<tr><td>{where}</td><td>{escape(what)}</td><td class="number">{count:,}</td></tr>'
+        for where, what, count in found
+    )
+    return f'<table><tr><th>while</th><th>what</th><th class="number">count</th></tr>{rows}</table>'

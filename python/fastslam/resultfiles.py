@@ -1,0 +1,362 @@
+"""The folder of files that a run leaves, written so that no reader ever sees half a file, and read back."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+import uuid
+from collections.abc import Callable, Iterable, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from .errors import DataError
+from .evaluation import EvaluationOptions, Metrics, evaluate
+from .log import Floats, Log
+from .result import LandmarkMap, RunResult, Steps, Trajectory
+
+TRAJECTORY_FILE = "trajectory.tum"
+SMOOTHED_FILE = "smoothed.tum"
+LANDMARKS_FILE = "landmarks.csv"
+METRICS_FILE = "metrics.json"
+CONFIG_FILE = "config.yaml"
+STEPS_FILE = "steps.csv"
+
+LANDMARK_COLUMNS = ("id", "x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "sightings")
+STEP_COLUMNS: dict[str, type] = {
+    "stamp_s": float,
+    "effective_sample_size": float,
+    "resampled": bool,
+    "log_likelihood": float,
+    "sightings": int,
+    "new_landmarks": int,
+    "ignored": int,
+    "landmarks": int,
+    "latency_us": float,
+}
+COVARIANCE_COLUMNS = (
+    *("stamp_s", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
+    *("cov_xheading_m_rad", "cov_yheading_m_rad", "cov_headingheading_rad2"),
+)
+COVARIANCE_FILE = "trajectory_covariance.csv"
+RUN_FILE = "run.json"
+
+
+def write_result(
+    result: RunResult,
+    log: Log,
+    folder: Path | str,
+    *,
+    metrics: Metrics | None = None,
+    options: EvaluationOptions | None = None,
+) -> dict[str, Path]:
+    """Write everything of a run except figures and report; returns file name to path.
+
+    Each file appears whole or not at all (temporary name, then rename). Poses and landmarks are in the world
+    frame of the run. `metrics` saves evaluating again. Errors: `DataError` where the folder cannot be
+    written, or the estimate is not finite.
+    """
+    target = Path(folder)
+    values = evaluate(result, log, options=options) if metrics is None else metrics
+    contents = {
+        TRAJECTORY_FILE: _tum(result.trajectory),
+        SMOOTHED_FILE: _tum(result.smoothed),
+        LANDMARKS_FILE: _landmarks_csv(result.landmarks),
+        METRICS_FILE: to_json(values),
+        CONFIG_FILE: config_yaml(result),
+        RUN_FILE: to_json(_run_facts(result)),
+        STEPS_FILE: _steps_csv(result.steps),
+    }
+    if result.trajectory.covariance is not None:
+        contents[COVARIANCE_FILE] = _covariance_csv(result.trajectory)
+    return {name: write_atomically(target / name, text) for name, text in contents.items()}
+
+
+def write_atomically(path: Path, content: str | bytes) -> Path:
+    """Write a file under a temporary name beside it, then rename it: readers see the old or the new file.
+
+    Missing folders are made. Errors: `DataError` with the reason that the system gives.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            temporary.write_bytes(data)
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise DataError(f"cannot write: {error.strerror or error}", path) from error
+    return path
+
+
+def new_result_folder(root: Path | str = "results", *, now: datetime | None = None) -> Path:
+    """Make `root/<stamp>` and point `root/latest` to it; returns the folder.
+
+    A second run within the same second gets `<stamp>-2`. Where links cannot be made, `latest` is a text file
+    that holds the folder's name; a `latest` that is a real folder is somebody's data and is left alone.
+    Errors: `DataError`.
+    """
+    base = Path(root)
+    stamp = (datetime.now() if now is None else now).strftime("%Y-%m-%d_%H-%M-%S")
+    for attempt in range(1, 1000):
+        folder = base / (stamp if attempt == 1 else f"{stamp}-{attempt}")
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            if base.exists() and not base.is_dir():
+                raise DataError("cannot make a results folder: this is a file", base) from None
+            continue
+        except OSError as error:
+            raise DataError(f"cannot make a results folder: {error.strerror or error}", folder) from error
+        _point_latest(base, folder.name)
+        return folder
+    raise DataError("a thousand results folders of this second exist", base / stamp)
+
+
+def _point_latest(base: Path, name: str) -> None:
+    latest = base / "latest"
+    if latest.is_dir() and not latest.is_symlink():
+        return
+    temporary = base / f".latest.{uuid.uuid4().hex}"
+    try:
+        temporary.symlink_to(name, target_is_directory=True)
+        os.replace(temporary, latest)
+    except (OSError, NotImplementedError):
+        temporary.unlink(missing_ok=True)
+        write_atomically(latest, name + "\n")
+
+
+def read_result(folder: Path | str) -> RunResult:
+    """Read back what `write_result` wrote, for scoring it again. `latest` may be the text file or the link.
+
+    Errors: `DataError` with file and line for anything missing or malformed.
+    """
+    source = _resolve(folder)
+    facts = _read_run_facts(source / RUN_FILE)
+    trajectory = _read_tum(source / TRAJECTORY_FILE)
+    covariance = _read_covariance(source / COVARIANCE_FILE, len(trajectory.stamp_s))
+    return RunResult(
+        log_name=facts["log"],
+        config=_read_config(source / CONFIG_FILE),
+        version=facts["version"],
+        trajectory=Trajectory(trajectory.stamp_s, trajectory.T_world_robot, covariance),
+        smoothed=_read_tum(source / SMOOTHED_FILE),
+        landmarks=_read_landmarks(source / LANDMARKS_FILE),
+        steps=_read_steps(source / STEPS_FILE),
+        filter_seconds=float(facts["filter_seconds"]),
+        peak_memory_bytes=facts["peak_memory_bytes"],
+        interrupted=facts["interrupted"],
+        counts=facts["counts"],
+    )
+
+
+def _resolve(folder: Path | str) -> Path:
+    """The results folder, where `latest` may be a text file that names it."""
+    path = Path(folder)
+    if path.is_file() and path.name == "latest":
+        path = path.parent / _read_text(path).strip()
+    if not path.is_dir():
+        raise DataError("no such results folder", path)
+    return path
+
+
+def to_json(value: Any) -> str:
+    """JSON with two-space indent; numbers that are not finite become null, as JSON has none."""
+    return json.dumps(_plain(value), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    """Nested builtin types, without NumPy scalars or infinities."""
+    if isinstance(value, dict):
+        return {str(key): _plain(member) for key, member in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(member) for member in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def config_yaml(result: RunResult) -> str:
+    """The effective configuration, seed included, fit to be given to a run again."""
+    header = f"# fastslam {result.version}, effective configuration of a run over {result.log_name}\n"
+    return header + yaml.safe_dump(_plain(result.config), sort_keys=False, allow_unicode=True)
+
+
+def _run_facts(result: RunResult) -> dict[str, Any]:
+    """What no other file holds and reading the run back needs."""
+    return {
+        "version": result.version,
+        "log": result.log_name,
+        "seed": result.config.get("seed"),
+        "filter_seconds": float(result.filter_seconds),
+        "peak_memory_bytes": int(result.peak_memory_bytes),
+        "interrupted": bool(result.interrupted),
+        "counts": dict(result.counts),
+    }
+
+
+def _tum(trajectory: Trajectory) -> str:
+    """Lines `stamp x y z qx qy qz qw`; stamps come back to the bit, to meet those of the truth."""
+    half = 0.5 * trajectory.T_world_robot[:, 2]
+    columns = (trajectory.stamp_s, *trajectory.T_world_robot[:, :2].T, np.sin(half), np.cos(half))
+    lines = (
+        f"{float(stamp)!r} {x:.9g} {y:.9g} 0 0 0 {qz:.12g} {qw:.12g}\n"
+        for stamp, x, y, qz, qw in zip(*columns, strict=True)
+    )
+    return "# stamp_s x_m y_m z_m qx qy qz qw (T_world_robot)\n" + "".join(lines)
+
+
+def _csv(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [",".join(columns), *(",".join(_quoted(cell) for cell in row) for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(cell: str) -> str:
+    if any(mark in cell for mark in ',"\n\r'):
+        return '"' + cell.replace('"', '""') + '"'
+    return cell
+
+
+def _landmarks_csv(landmarks: LandmarkMap) -> str:
+    rows = (
+        (name, *(f"{value:.9g}" for value in (*mean, cov[0, 0], cov[0, 1], cov[1, 1])), str(int(seen)))
+        for name, mean, cov, seen in zip(
+            landmarks.ids, landmarks.mean_m, landmarks.covariance_m2, landmarks.sightings, strict=True
+        )
+    )
+    return _csv(LANDMARK_COLUMNS, rows)
+
+
+def _steps_csv(steps: Steps) -> str:
+    columns = [
+        [_step_cell(value, name, kind) for value in getattr(steps, name)]
+        for name, kind in STEP_COLUMNS.items()
+    ]
+    return _csv(tuple(STEP_COLUMNS), zip(*columns, strict=True))
+
+
+def _step_cell(value: Any, name: str, kind: type) -> str:
+    if name == "stamp_s":
+        return repr(float(value))
+    return f"{value:.9g}" if kind is float else str(int(value))
+
+
+def _covariance_csv(trajectory: Trajectory) -> str:
+    assert trajectory.covariance is not None
+    upper = trajectory.covariance[:, (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
+    rows = (
+        (repr(float(stamp)), *(f"{value:.9g}" for value in row))
+        for stamp, row in zip(trajectory.stamp_s, upper, strict=True)
+    )
+    return _csv(COVARIANCE_COLUMNS, rows)
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise DataError("no such file in the results folder", path) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f"cannot read: {error}", path) from error
+
+
+def _read_config(path: Path) -> dict[str, Any]:
+    try:
+        config = yaml.safe_load(_read_text(path))
+    except yaml.YAMLError as error:
+        raise DataError(f"not YAML: {str(error).splitlines()[0]}", path) from error
+    if not isinstance(config, dict):
+        raise DataError("expected a mapping of settings", path, 1)
+    return config
+
+
+def _read_run_facts(path: Path) -> dict[str, Any]:
+    try:
+        facts = json.loads(_read_text(path))
+    except json.JSONDecodeError as error:
+        raise DataError(f"not JSON: {error.msg}", path, error.lineno) from error
+    kinds: dict[str, Any] = {"version": str, "log": str, "filter_seconds": (int, float)}
+    kinds |= {"peak_memory_bytes": int, "interrupted": bool, "counts": dict}
+    for name, kind in kinds.items():
+        if not isinstance(facts, dict) or not isinstance(facts.get(name), kind):
+            raise DataError(f"`{name}` is missing or of the wrong type", path)
+    return dict(facts)
+
+
+def _read_tum(path: Path) -> Trajectory:
+    rows = []
+    for number, line in enumerate(_read_text(path).splitlines(), start=1):
+        fields = line.split("#", 1)[0].split()
+        if not fields:
+            continue
+        if len(fields) != 8:
+            raise DataError(f"expected 8 numbers `stamp x y z qx qy qz qw`, got {len(fields)}", path, number)
+        rows.append([_number(field, float, path, number) for field in fields])
+    table = np.array(rows, dtype=float).reshape(-1, 8)
+    heading = 2.0 * np.arctan2(table[:, 6], table[:, 7])
+    heading = (heading + np.pi) % (2.0 * np.pi) - np.pi
+    return Trajectory(table[:, 0], np.column_stack([table[:, 1:3], heading]))
+
+
+def _read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
+    """Line numbers and cells of a CSV file with exactly this header."""
+    reader = csv.reader(io.StringIO(_read_text(path), newline=""))
+    header = next(reader, [])
+    if header != list(columns):
+        raise DataError(f"expected the header {','.join(columns)}, got {','.join(header)}", path, 1)
+    rows = []
+    for row in reader:
+        if len(row) != len(columns):
+            raise DataError(f"expected {len(columns)} cells, got {len(row)}", path, reader.line_num)
+        rows.append((reader.line_num, row))
+    return rows
+
+
+def _number(cell: str, kind: Callable[[str], Any], path: Path, line: int) -> Any:
+    try:
+        return kind(cell)
+    except ValueError:
+        raise DataError(f"expected a number, got {cell!r}", path, line) from None
+
+
+def _read_landmarks(path: Path) -> LandmarkMap:
+    rows = _read_table(path, LANDMARK_COLUMNS)
+    numbers = [[_number(cell, float, path, line) for cell in row[1:]] for line, row in rows]
+    table = np.array(numbers, dtype=float).reshape(-1, 6)
+    return LandmarkMap(
+        ids=tuple(row[0] for _, row in rows),
+        mean_m=table[:, :2],
+        covariance_m2=table[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
+        sightings=table[:, 5].astype(np.int64),
+    )
+
+
+def _read_steps(path: Path) -> Steps:
+    rows = _read_table(path, tuple(STEP_COLUMNS))
+    columns: dict[str, Any] = {}
+    for column, (name, kind) in enumerate(STEP_COLUMNS.items()):
+        parse = float if kind is float else int
+        values = [_number(row[column], parse, path, line) for line, row in rows]
+        columns[name] = np.array(values, dtype={float: np.float64, int: np.int64, bool: np.bool_}[kind])
+    return Steps(**columns)
+
+
+def _read_covariance(path: Path, expected: int) -> Floats | None:
+    if not path.exists():
+        return None
+    rows = _read_table(path, COVARIANCE_COLUMNS)
+    if len(rows) != expected:
+        raise DataError(f"expected {expected} rows, one per pose, got {len(rows)}", path)
+    numbers = [[_number(cell, float, path, line) for cell in row[1:]] for line, row in rows]
+    upper = np.array(numbers, dtype=float).reshape(-1, 6)
+    return upper[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)

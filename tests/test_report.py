@@ -1,0 +1,269 @@
+"""Figures and the report page."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fabricate import make_log, make_map, make_run, make_steps, truth_path
+from fastslam.evaluation import evaluate
+from fastslam.log import Log, Problem
+from fastslam.plots import (
+    house_style,
+    make_figures,
+    new_figure,
+    plot_effective_sample_size,
+    plot_error_over_time,
+    plot_latency,
+    plot_latency_histogram,
+    plot_map,
+    render,
+    write_figures,
+)
+from fastslam.plots.map import ellipse_axes
+from fastslam.plots.over_time import position_std_m
+from fastslam.report import render_report, write_report
+from fastslam.result import RunResult, Trajectory
+from matplotlib.axes import Axes
+
+NAMES = {"map", "error", "effective_sample_size", "latency"}
+
+
+def empty_run() -> RunResult:
+    nothing = Trajectory(np.zeros(0), np.zeros((0, 3)))
+    empty_map = make_map((), np.zeros((0, 2)))
+    return make_run(trajectory=nothing, smoothed=nothing, landmarks=empty_map, steps=make_steps(np.zeros(0)))
+
+
+def new_axis() -> Axes:
+    return new_figure(5.0, 4.0).add_subplot()
+
+
+def legend_texts(axis: Axes) -> list[str]:
+    legend = axis.get_legend()
+    return [] if legend is None else [text.get_text() for text in legend.get_texts()]
+
+
+def test_figures_are_written_as_png(tmp_path: Path) -> None:
+    paths = write_figures(make_run(), make_log(), tmp_path / "new")
+    assert set(paths) == {f"{name}.png" for name in NAMES}
+    for path in paths.values():
+        data = path.read_bytes()
+        assert data.startswith(b"\x89PNG\r\n")
+        width, height = (int.from_bytes(data[start : start + 4], "big") for start in (16, 20))
+        assert width == 1200 and height >= 400
+
+
+def test_the_same_run_gives_the_same_bytes() -> None:
+    first, second = (make_figures(make_run(), make_log())["error"] for _ in range(2))
+    assert render(first, "svg") == render(second, "svg")
+
+
+def test_map_shows_all_that_is_known() -> None:
+    with house_style():
+        axis = plot_map(new_axis(), make_run(), make_log())
+    assert axis.get_aspect() == 1.0
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("x in world [m]", "y in world [m]")
+    texts = legend_texts(axis)
+    for expected in ("path, live", "path, smoothed", "path, true (aligned)", "landmark, true", "2σ ellipse"):
+        assert expected in texts
+    assert {"start", "end"} <= set(texts)
+    lines = {line.get_label(): np.column_stack(line.get_data()) for line in axis.get_lines()}
+    # A perfect run: the aligned truth lies on the estimate, in the world of the run.
+    np.testing.assert_allclose(lines["path, true (aligned)"], lines["path, live"], atol=1e-9)
+    np.testing.assert_allclose(lines["landmark, true"], lines["landmark"], atol=1e-9)
+
+
+def test_map_without_truth_shows_fixes_or_nothing_else() -> None:
+    log = make_log(truth=False, fixes=True)
+    texts = legend_texts(plot_map(new_axis(), make_run(), log))
+    assert "position fixes (aligned)" in texts
+    assert not any("true" in text for text in texts)
+
+
+def test_ellipse_axes_by_hand() -> None:
+    # Standard deviations 3 along 30 degrees and 1 across: full axes are four times that.
+    angle = np.radians(30.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    major, minor, degrees = ellipse_axes((turn @ np.diag([9.0, 1.0]) @ turn.T)[None])
+    assert (major[0], minor[0]) == pytest.approx((12.0, 4.0))
+    assert degrees[0] % 180.0 == pytest.approx(30.0)
+
+
+def test_error_band_is_two_deviations_along_the_major_axis() -> None:
+    covariance = np.zeros((1, 3, 3))
+    covariance[0, :2, :2] = [[5.0, 4.0], [4.0, 5.0]]  # eigenvalues 9 and 1
+    np.testing.assert_allclose(position_std_m(covariance), 3.0)
+    axis = plot_error_over_time(new_axis(), make_run(), make_log())
+    band = axis.collections[0].get_paths()[0].vertices
+    assert band[:, 1].max() == pytest.approx(2.0 * 0.2)
+    assert axis.get_ylabel().endswith("[m]")
+    assert axis.get_xlabel().endswith("[s]")
+
+
+def test_errors_of_fixes_say_how_many_lie_beyond_the_axis() -> None:
+    log = make_log(truth=False, fixes=True)
+    assert log.position_fixes is not None
+    rng = np.random.default_rng(2)
+    fixes_m = truth_path().T_world_robot[:, :2] + rng.normal(0.0, 0.3, (200, 2))
+    fixes_m[[10, 60, 61]] += 200.0
+    log = replace(log, position_fixes=replace(log.position_fixes, position_m=fixes_m))
+    axis = plot_error_over_time(new_axis(), make_run(), log)
+    assert "distance to fix (3 beyond this axis)" in legend_texts(axis)
+    assert axis.get_ylim()[1] < 10.0
+
+
+def test_effective_sample_size_marks_each_resampling() -> None:
+    axis = plot_effective_sample_size(new_axis(), make_run())
+    lines = {line.get_label(): line for line in axis.get_lines()}
+    assert len(lines["resampled"].get_xdata()) == 20
+    assert "100 particles" in lines
+    assert "20 resamplings in 200 steps" in axis.get_title(loc="left") + axis.get_title()
+
+
+def test_many_steps_are_drawn_as_range_and_median() -> None:
+    run = make_run(steps=make_steps(np.arange(6000.0)))
+    axis = plot_effective_sample_size(new_axis(), run)
+    band = axis.collections[0].get_paths()[0].vertices
+    # Each stretch of 20 steps holds two whole cycles from 100 down to 55.
+    assert (band[:, 1].min(), band[:, 1].max()) == (55.0, 100.0)
+    median = next(line for line in axis.get_lines() if str(line.get_label()).endswith("median"))
+    assert set(median.get_ydata()) == {77.5}
+
+
+def test_latency_states_its_percentiles() -> None:
+    axis = plot_latency(new_axis(), make_run())
+    assert axis.get_yscale() == "log"
+    histogram = plot_latency_histogram(new_axis(), make_run())
+    assert legend_texts(histogram) == ["p50: 100 µs", "p99: 198 µs"]
+    assert histogram.patches[0].get_data().values.sum() == 200
+
+
+@pytest.mark.parametrize("truth", [True, False])
+def test_an_empty_run_is_drawn_without_failing(truth: bool) -> None:
+    figures = make_figures(empty_run(), make_log(truth=truth, fixes=truth))
+    assert set(figures) == NAMES
+    for figure in figures.values():
+        assert len(render(figure, "png")) > 1000
+
+
+class _Collector(HTMLParser):
+    """Every tag, and every address that a browser would load."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+        self.ids: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name in ("src", "href", "xlink:href", "data", "action"):
+                self.addresses.append(value or "")
+            if name == "id":
+                self.ids.append(value or "")
+
+
+def read_page(page: str) -> _Collector:
+    collector = _Collector()
+    collector.feed(page)
+    return collector
+
+
+def make_page(log: Log | None = None, run: RunResult | None = None) -> str:
+    return render_report(run or make_run(), log or make_log())
+
+
+def test_the_page_loads_nothing_from_elsewhere() -> None:
+    page = make_page()
+    found = read_page(page)
+    assert found.tags.count("svg") == 4
+    assert "script" not in found.tags and "link" not in found.tags
+    assert len(found.addresses) > 0
+    assert all(address.startswith(("#", "data:image/png;base64,")) for address in found.addresses)
+    assert "@import" not in page
+    assert not re.search(r"url\((?!#)", page)
+
+
+def test_ids_of_the_figures_do_not_clash_and_references_hold() -> None:
+    page = make_page()
+    found = read_page(page)
+    references = {address[1:] for address in found.addresses if address.startswith("#")}
+    references |= set(re.findall(r"url\(#([^)]+)\)", page))
+    assert len(references) > 10
+    assert references <= set(found.ids)
+    by_figure = [identity for identity in found.ids if identity.startswith("map-figure_1")]
+    assert len(by_figure) == 1
+    assert len(found.ids) == len(set(found.ids))
+
+
+def test_the_page_follows_a_dark_theme() -> None:
+    page = make_page()
+    assert "prefers-color-scheme: dark" in page
+    assert "var(--ink)" in page[page.index("<svg") :]
+    assert "#1f2328" not in page[page.index("<svg") :]
+
+
+def test_the_page_holds_metrics_with_units_configuration_and_problems() -> None:
+    log = replace(make_log(), problems=(Problem("range <not> finite & skipped", 4),))
+    page = make_page(log)
+    assert "range &lt;not&gt; finite &amp; skipped" in page
+    assert "covariance repairs" in page
+    assert "range_std_m: 0.1" in page
+    assert re.search(
+        r"<code>peak_memory_bytes</code></td><td class=\"number\">12\.35</td>\s*<td class=\"unit\">MB", page
+    )
+    assert "<code>step_latency_us.p99</code>" in page
+    assert "Over" not in page
+
+
+def test_names_are_escaped() -> None:
+    page = make_page(replace(make_log(), name="<script>alert(1)</script>"))
+    assert "<script>" not in page
+
+
+def test_several_runs_get_a_table_with_intervals() -> None:
+    run, log = make_run(), make_log()
+    metrics = evaluate(run, log)
+    runs = [{**metrics, "ate_rmse_m": value} for value in (0.1, 0.2, 0.3)]
+    page = render_report(run, log, runs=runs)
+    assert "Over 3 runs" in page
+    # Half width 4.30265 * 0.1 / sqrt(3).
+    row = re.search(r"<code>ate_rmse_m</code></td>(.*?)</tr>", page)
+    assert row is not None
+    cells = re.findall(r"<td class=\"number\">([^<]*)</td>", row.group(1))
+    assert cells == ["3", "0.2000", "0.2484", "0.2000", "0.1000", "0.3000"]
+
+
+def test_what_is_not_determined_or_was_cut_short_is_said() -> None:
+    page = make_page(run=replace(make_run(), interrupted=True))
+    assert "stopped before the end" in page
+    page = make_page(run=empty_run())
+    assert "no step" in page
+    assert "Not determined in this run: " in page and "ate_rmse_m" in page
+
+
+def test_the_report_is_written_into_a_folder_or_a_file(tmp_path: Path) -> None:
+    assert write_report(make_run(), make_log(), tmp_path) == tmp_path / "report.html"
+    other = write_report(make_run(), make_log(), tmp_path / "deep" / "page.html")
+    assert other.read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_scoring_imports_no_matplotlib_and_plots_no_pyplot() -> None:
+    code = (
+        "import sys, fastslam.evaluation, fastslam.resultfiles, fastslam.report\n"
+        "assert 'matplotlib' not in sys.modules, 'matplotlib'\n"
+        "import fastslam.plots\n"
+        "assert 'matplotlib' in sys.modules\n"
+        "assert 'matplotlib.pyplot' not in sys.modules, 'pyplot'\n"
+        "print('seen')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "seen", done.stderr
