@@ -36,7 +36,8 @@ class Sightings:
 
     Shapes: all (S,). `identity` indexes `Log.identity_names`; -1 where nobody says which landmark it is.
     `class_index` indexes `Log.class_names` (-1: none); `signature` is a scalar such as a trunk's diameter in
-    metres (NaN: none).
+    metres (NaN: none). `covariance` (S, 3) is that of each range and bearing, as (m², m·rad, rad²), where the
+    source of the sightings knows it; None or NaN leaves it to the sensor settings.
     """
 
     stamp_s: Floats
@@ -45,6 +46,7 @@ class Sightings:
     identity: Ints
     class_index: Ints
     signature: Floats
+    covariance: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,9 @@ class PositionFixes:
 class BeamGeometry:
     """Where the beams of a planar laser point and how far they reach.
 
-    Beam i points at `first_angle_rad + i * angle_step_rad`, counter-clockwise from straight ahead of the sensor.
-    `beam_period_s` is the time from one beam to the next, where it is known and motion within a scan is to be
-    corrected.
+    Beam i points at `first_angle_rad + i * angle_step_rad`, counter-clockwise from straight ahead of the
+    sensor. `beam_period_s` is the time from one beam to the next, where it is known and motion within a scan
+    is to be corrected.
     """
 
     first_angle_rad: float
@@ -104,8 +106,8 @@ class Scans:
     """Laser scans, in time order; `stamp_s` is the time of beam 0.
 
     Shapes: `stamp_s` (N,), `ranges_m` (N, B) in 32 or 64 bits, `intensities` the same or None. A range of
-    infinity or of `geometry.max_range_m` and more says that nothing was hit; NaN, zero or less that nothing is
-    known. `mounting` is (x_m, y_m, yaw_rad), the pose of the sensor in the robot's frame.
+    infinity or of `geometry.max_range_m` and more says that nothing was hit; NaN, zero or less that nothing
+    is known. `mounting` is (x_m, y_m, yaw_rad), the pose of the sensor in the robot's frame.
     """
 
     stamp_s: Floats

@@ -60,6 +60,7 @@ def run(
             sightings.range_m,
             sightings.bearing_rad,
             sightings.identity,
+            noise=sightings.covariance,
             progress=progress,
         )
     except ValueError as error:

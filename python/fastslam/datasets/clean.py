@@ -64,6 +64,7 @@ def clean_sightings(sightings: Sightings, *, path: Path) -> tuple[Sightings, tup
             identity=kept.identity,
             class_index=kept.class_index,
             signature=signature,
+            covariance=kept.covariance,
         ),
         tuple(problems),
     )
@@ -78,6 +79,7 @@ def select_sightings(sightings: Sightings, chosen: Bools | Ints) -> Sightings:
         identity=sightings.identity[chosen],
         class_index=sightings.class_index[chosen],
         signature=sightings.signature[chosen],
+        covariance=None if sightings.covariance is None else sightings.covariance[chosen],
     )
 
 
