@@ -9,8 +9,8 @@ pub(super) struct Edge {
     pub direction: [f64; 2],
     /// +1 on the side of larger angles, −1 on the other.
     pub side: f64,
-    /// How far the true edge may be off, across the line of sight, per metre of range.
-    pub std_rad: f64,
+    /// The true edge lies within this angle of the line of sight, on either side.
+    pub half_width_rad: f64,
     /// A beam of finite width is echoed by an object that its axis misses by up to this angle.
     pub overhang_rad: f64,
 }
@@ -71,26 +71,22 @@ pub(super) fn algebraic(points: &[[f64; 2]]) -> Option<([f64; 2], f64)> {
     (radius_squared > 0.0).then(|| ([mean[0] + center[0], mean[1] + center[1]], radius_squared.sqrt()))
 }
 
-/// Gauss–Newton on the distances to the circle, the tangents at the free ends and, where an end is hidden, the prior
-/// of the radius.
+/// Gauss–Newton on the distances of the points from the circle, the tangents at the free ends and, where an end is
+/// hidden, the prior of the radius.
 ///
-/// A distance has the variance of its range seen at the incidence of the beam: σ_r² cos²φ + (r σ_b sin φ)² plus that of
-/// the surface. The incidence φ comes from how far the beam passes the centre, which the error of its range does not
-/// change: were it taken from the point, near points would weigh less than far ones. A range error ε moves the point by ε cos φ across the circle and, to second order, by ε² sin²φ / 2R
-/// outwards; that mean is taken off, or near circles would come out too large.
+/// The distance of a point is its range beyond where the beam meets the circle, times the cosine of the incidence φ.
+/// Incidence and normal come from how far the beam passes the centre, which the error of its range does not change: taken
+/// from the measured point they would correlate with that error and draw the centre towards the sensor. Points count
+/// with the variance σ_r² / cos²φ + (r σ_b sin φ)² plus that of the surface: by the range alone grazing points would
+/// count most, and as a grazing point goes with an edge just beyond it, that too would draw the centre in.
 pub(super) fn refine(arc: &Arc, start: ([f64; 2], f64), noise: &Noise) -> Option<Circle> {
     let (mut center, mut radius) = start;
-    let mut residual = 0.0;
-    let mut information = [[0.0; 3]; 3];
-    for _ in 0..12 {
+    let (mut information, mut residual) = ([[0.0; 3]; 3], 0.0);
+    for _ in 0..MAX_ITERATIONS {
         let mut gradient = [0.0; 3];
         information = [[0.0; 3]; 3];
         residual = add_points(arc, (center, radius), noise, (&mut information, &mut gradient));
-        add_edges(arc, (center, radius), (&mut information, &mut gradient));
-        if arc.edges.iter().any(Option::is_none) {
-            let weight = 1.0 / (noise.radius_std_m * noise.radius_std_m);
-            accumulate(&mut information, &mut gradient, [0.0, 0.0, 1.0], noise.radius_m - radius, weight);
-        }
+        add_edges(arc, (center, radius), noise, (&mut information, &mut gradient));
         let step = solve(&information, gradient)?;
         center = [center[0] + step[0], center[1] + step[1]];
         // A step may not turn the circle inside out.
@@ -105,6 +101,10 @@ pub(super) fn refine(arc: &Arc, start: ([f64; 2], f64), noise: &Noise) -> Option
     finite.then_some(Circle { center, radius, covariance: [a, b, c], normalized_residual: residual })
 }
 
+const MAX_ITERATIONS: usize = 15;
+/// Keeps the weight of a beam that only touches the circle above zero.
+const MIN_COSINE_SQUARED: f64 = 1e-4;
+
 type Normal<'a> = (&'a mut [[f64; 3]; 3], &'a mut [f64; 3]);
 
 /// Adds the points' equations and returns the root mean square of their normalised residuals.
@@ -113,34 +113,41 @@ fn add_points(arc: &Arc, (center, radius): ([f64; 2], f64), noise: &Noise, norma
     let beam_variance = noise.beam_std_rad * noise.beam_std_rad;
     let mut sum = 0.0;
     for p in arc.points {
-        let to_point = [p[0] - center[0], p[1] - center[1]];
-        let distance = norm(to_point).max(1e-12);
-        let range_squared = p[0] * p[0] + p[1] * p[1];
-        let unit = [to_point[0] / distance, to_point[1] / distance];
-        let across = center[0] * p[1] - center[1] * p[0];
-        let sin_squared = (across * across / (range_squared * radius * radius).max(1e-12)).min(1.0);
-        let cos_squared = 1.0 - sin_squared;
-        let variance = range_variance * cos_squared
-            + range_squared * beam_variance * sin_squared
+        let range = norm(*p).max(1e-9);
+        let d = [p[0] / range, p[1] / range];
+        let along = center[0] * d[0] + center[1] * d[1];
+        let across = center[0] * d[1] - center[1] * d[0];
+        let sine = (across / radius).clamp(-1.0, 1.0);
+        let cosine = (1.0 - sine * sine).sqrt();
+        // Outward normal where the beam meets the circle, or is nearest to it.
+        let unit = [-cosine * d[0] + sine * -d[1], -cosine * d[1] + sine * d[0]];
+        let beside = (across.abs() - radius).max(0.0);
+        let error = (along - radius * cosine - range) * cosine + beside;
+        let variance = range_variance / (cosine * cosine).max(MIN_COSINE_SQUARED)
+            + range * range * beam_variance * sine * sine
             + noise.roughness_std_m * noise.roughness_std_m;
-        let bias = 0.5 * range_variance * sin_squared / radius;
-        let error = distance - radius - bias;
         sum += error * error / variance;
         accumulate(normal.0, normal.1, [unit[0], unit[1], 1.0], error, 1.0 / variance);
     }
     (sum / arc.points.len() as f64).sqrt()
 }
 
-fn add_edges(arc: &Arc, (center, radius): ([f64; 2], f64), normal: Normal) {
-    for edge in arc.edges.iter().flatten() {
-        let from_edge =
-            [center[0] + arc.origin[0] - edge.origin[0], center[1] + arc.origin[1] - edge.origin[1]];
-        let across = edge.side * (from_edge[0] * edge.direction[1] - from_edge[1] * edge.direction[0]);
-        let distance = norm(from_edge).max(1e-6);
-        let std = edge.std_rad * distance;
+/// Adds the equation of each free end: the line of sight halfway to the first beam beside the object touches the circle,
+/// as far as the interval between the two beams says. A hidden end adds the prior of the radius instead.
+fn add_edges(arc: &Arc, (center, radius): ([f64; 2], f64), noise: &Noise, normal: Normal) {
+    for edge in &arc.edges {
+        let Some(edge) = edge else {
+            let weight = 1.0 / (noise.radius_std_m * noise.radius_std_m);
+            accumulate(normal.0, normal.1, [0.0, 0.0, 1.0], noise.radius_m - radius, weight);
+            continue;
+        };
+        let from = [center[0] + arc.origin[0] - edge.origin[0], center[1] + arc.origin[1] - edge.origin[1]];
+        let distance = norm(from).max(1e-6);
+        let across = edge.side * (from[0] * edge.direction[1] - from[1] * edge.direction[0]);
+        // Variance of a uniform distribution.
+        let variance = (edge.half_width_rad * distance).powi(2) / 3.0;
         let row = [edge.side * edge.direction[1], -edge.side * edge.direction[0], -1.0];
-        let error = radius + edge.overhang_rad * distance - across;
-        accumulate(normal.0, normal.1, row, error, 1.0 / (std * std));
+        accumulate(normal.0, normal.1, row, radius + edge.overhang_rad * distance - across, 1.0 / variance);
     }
 }
 

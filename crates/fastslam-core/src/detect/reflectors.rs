@@ -29,6 +29,8 @@ pub struct Reflectors {
     pub max_range_m: f64,
     /// Radius of the post: added to the range of its surface, and its diameter is the signature. 0 for flat ones.
     pub radius_m: f64,
+    /// How much too long the ranges of bright echoes are; subtracted.
+    pub range_bias_m: f64,
     /// Standard deviation of one range.
     pub range_std_m: f64,
     /// Standard deviation of the direction of a reflector beyond that of its place between the beams.
@@ -47,6 +49,7 @@ impl Default for Reflectors {
             max_width_m: 0.5,
             max_range_m: 75.0,
             radius_m: 0.03,
+            range_bias_m: 0.0,
             range_std_m: 0.05,
             bearing_std_rad: 0.002,
             detection_probability: 0.9,
@@ -62,6 +65,7 @@ impl Reflectors {
         positive("max_width_m", self.max_width_m)?;
         positive("max_range_m", self.max_range_m)?;
         non_negative("radius_m", self.radius_m)?;
+        finite("range_bias_m", self.range_bias_m)?;
         positive("range_std_m", self.range_std_m)?;
         non_negative("bearing_std_rad", self.bearing_std_rad)?;
         if self.min_beams == 0 {
@@ -154,7 +158,7 @@ fn width(beams: &Beams, segment: Segment) -> f64 {
 
 /// Distance of the axis of the post along `toward`, from what beam `i` says of its surface.
 fn axis_range(settings: &Reflectors, beams: &Beams, i: usize, toward: [f64; 2]) -> f64 {
-    let (d, range) = (beams.direction[i], beams.range[i]);
+    let (d, range) = (beams.direction[i], beams.range[i] - settings.range_bias_m);
     let along = range * (d[0] * toward[0] + d[1] * toward[1]);
     let across = range * (d[0] * toward[1] - d[1] * toward[0]);
     along + (settings.radius_m * settings.radius_m - across * across).max(0.0).sqrt()

@@ -226,8 +226,7 @@ fn edges(settings: &Trunks, beams: &Beams, segment: Segment) -> [Option<Edge>; 2
             origin: beams.origin[inside],
             direction: [middle[0] / length, middle[1] / length],
             side: if (side == 1) == (beams.step > 0.0) { 1.0 } else { -1.0 },
-            // Uniform between the last beam on the object and the first beside it.
-            std_rad: beams.step.abs() * steps as f64 / f64::sqrt(12.0),
+            half_width_rad: 0.5 * beams.step.abs() * steps as f64,
             overhang_rad: 0.5 * settings.beam_width_rad,
         })
     })
