@@ -68,14 +68,14 @@ def find(scans: Scans, config: Layer | None = None, *, twists: Floats | None = N
 def detect(log: Log, config: Layer | None = None) -> Log:
     """The log with the detections in its scans as its sightings; identities are unknown.
 
-    `config` is laid over `log.config["detector"]`. The sensor's mounting in the log's settings becomes that
+    `config` is laid over the detector settings of the scans. The sensor's mounting in the log's settings becomes that
     of the scans. Errors: DataError for a log without scans, ConfigError.
     """
     if log.scans is None:
         raise DataError("the log holds no laser scans to detect landmarks in", log.source)
-    layers = (log.config.get("detector", {}), config or {})
+    settings = _SCHEMA.merge(log.scans.detector, config or {})
     try:
-        detections = find(log.scans, _SCHEMA.merge(*layers), twists=sensor_twists(log))
+        detections = find(log.scans, settings, twists=sensor_twists(log))
     except DataError as error:
         raise DataError(str(error), log.source) from None
     x_m, y_m, yaw_rad = log.scans.mounting
@@ -91,13 +91,13 @@ def detect(log: Log, config: Layer | None = None) -> Log:
         covariance=detections.covariance,
     )
     association = {**log.config.get("association", {}), "mode": "unknown"}
-    settings = {**without_detector(log), "sensor": sensor, "association": association}
-    return replace(log, sightings=sightings, identity_names=(), class_names=(), config=settings)
+    filter_settings = {**log.config, "sensor": sensor, "association": association}
+    return replace(log, sightings=sightings, identity_names=(), class_names=(), config=filter_settings)
 
 
-def without_detector(log: Log) -> dict[str, Any]:
-    """The log's settings for the filter, which does not know the detector's."""
-    return {key: value for key, value in log.config.items() if key != "detector"}
+def with_sightings(log: Log) -> Log:
+    """The log itself, or with detections where it has scans and no sightings."""
+    return detect(log) if log.scans is not None and len(log.sightings.stamp_s) == 0 else log
 
 
 def sensor_twists(log: Log) -> Floats | None:

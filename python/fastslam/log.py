@@ -107,7 +107,8 @@ class Scans:
 
     Shapes: `stamp_s` (N,), `ranges_m` (N, B) in 32 or 64 bits, `intensities` the same or None. A range of
     infinity or of `geometry.max_range_m` and more says that nothing was hit; NaN, zero or less that nothing
-    is known. `mounting` is (x_m, y_m, yaw_rad), the pose of the sensor in the robot's frame.
+    is known. `mounting` is (x_m, y_m, yaw_rad), the pose of the sensor in the robot's frame. `detector` holds
+    the detector settings that suit these scans.
     """
 
     stamp_s: Floats
@@ -115,6 +116,7 @@ class Scans:
     geometry: BeamGeometry
     intensities: Ranges | None = None
     mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    detector: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

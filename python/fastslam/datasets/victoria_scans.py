@@ -1,9 +1,9 @@
 """Victoria Park from raw scans: the 2003 ASCII edition, whose laser file is one line of 15 million characters.
 
-All times are seconds on the clock of the extracted features (from the first GPS fix). Quirks handled: the laser
-file has no line breaks; beam 0 points right; GPS rows have north before east; the state is the pose of the LASER.
-Where the folder of the extracted features lies beside it, its 4466 position fixes are taken instead of the 948
-that the ASCII edition kept. There are no sightings until a detector has made them from the scans.
+All times are seconds on the clock of the extracted features (from the first GPS fix). Quirks handled: the
+laser file has no line breaks; beam 0 points right; GPS rows have north before east; the state is the pose of
+the LASER. Where the folder of the extracted features lies beside it, its 4466 position fixes are taken instead
+of the 948 that the ASCII edition kept. There are no sightings until a detector has made them from the scans.
 """
 
 from __future__ import annotations
