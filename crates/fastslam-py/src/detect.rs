@@ -154,11 +154,9 @@ fn columns<'py>(
         scan_index.resize(end, scan as i64);
     }
     let column = |f: &dyn Fn(&Detection) -> f64| found.iter().map(f).collect::<Vec<_>>().into_pyarray(py);
-    let beams = |f: &dyn Fn(&Detection) -> u32| {
-        found.iter().map(|d| i64::from(f(d))).collect::<Vec<_>>().into_pyarray(py)
-    };
-    let covariance: Vec<f64> =
-        found.iter().map(|d| d.covariance).flat_map(|c| [c.xx, c.xy, c.yy]).collect();
+    let beams =
+        |f: &dyn Fn(&Detection) -> u32| found.iter().map(|d| i64::from(f(d))).collect::<Vec<_>>().into_pyarray(py);
+    let covariance: Vec<f64> = found.iter().map(|d| d.covariance).flat_map(|c| [c.xx, c.xy, c.yy]).collect();
     let out = PyDict::new(py);
     out.set_item("stamp_s", scan_index.iter().map(|&i| stamps[i as usize]).collect::<Vec<_>>().into_pyarray(py))?;
     out.set_item("scan_index", scan_index.into_pyarray(py))?;

@@ -23,10 +23,7 @@ fn resolve_simulation(json: &str) -> PyResult<String> {
 /// Name and settings (JSON) of each ready-made simulation.
 #[pyfunction]
 fn simulation_presets() -> PyResult<Vec<(&'static str, String)>> {
-    PRESETS
-        .iter()
-        .map(|name| Ok((*name, to_json(&SimulationConfig::preset(name).map_err(to_value_error)?)?)))
-        .collect()
+    PRESETS.iter().map(|name| Ok((*name, to_json(&SimulationConfig::preset(name).map_err(to_value_error)?)?))).collect()
 }
 
 /// The same simulation with about this many landmarks, at the same density.

@@ -75,9 +75,9 @@ impl Arena {
     /// Index the obstacles; `cell_m` is the side of a grid cell, best about the distance between obstacles.
     pub fn new(rocks: Vec<Rock>, walls: Vec<Wall>, cell_m: f64) -> Self {
         let boxes: Vec<[f64; 4]> = rocks.iter().map(rock_box).chain(walls.iter().map(wall_box)).collect();
-        let bounds = boxes.iter().fold([0.0, 0.0, 0.0, 0.0_f64], |b, x| {
-            [b[0].min(x[0]), b[1].min(x[1]), b[2].max(x[2]), b[3].max(x[3])]
-        });
+        let bounds = boxes
+            .iter()
+            .fold([0.0, 0.0, 0.0, 0.0_f64], |b, x| [b[0].min(x[0]), b[1].min(x[1]), b[2].max(x[2]), b[3].max(x[3])]);
         let corner_m = [bounds[0] - cell_m, bounds[1] - cell_m];
         let shape = [0, 1].map(|k| ((bounds[k + 2] - corner_m[k]) / cell_m) as usize + 2);
         let mut arena = Self { rocks, walls, corner_m, cell_m, shape, starts: Vec::new(), members: Vec::new() };

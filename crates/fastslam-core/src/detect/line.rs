@@ -33,8 +33,7 @@ pub(super) fn fit(beams: &Beams, segment: Segment, range_std_m: f64) -> Option<L
     let along = spread.largest_eigenvalue();
     let across = (spread.xx + spread.yy - along).max(0.0);
     // The direction of the larger eigenvector, from the better conditioned of its two forms.
-    let (x, y) =
-        if spread.xx > spread.yy { (along - spread.yy, spread.xy) } else { (spread.xy, along - spread.xx) };
+    let (x, y) = if spread.xx > spread.yy { (along - spread.yy, spread.xy) } else { (spread.xy, along - spread.xx) };
     let length = (x * x + y * y).sqrt();
     if !(length > 0.0 && length.is_finite() && along > 0.0) {
         return None;

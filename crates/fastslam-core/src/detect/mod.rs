@@ -163,8 +163,7 @@ fn to_polar(point: [f64; 2], covariance: Symmetric2) -> Option<(f64, f64, Symmet
     if !(range > 0.0 && range.is_finite()) {
         return None;
     }
-    let jacobian =
-        [[point[0] / range, point[1] / range], [-point[1] / range_squared, point[0] / range_squared]];
+    let jacobian = [[point[0] / range, point[1] / range], [-point[1] / range_squared, point[0] / range_squared]];
     let polar = covariance.transformed(jacobian);
     polar.is_positive_definite().then(|| (range, math::atan2(point[1], point[0]), polar))
 }

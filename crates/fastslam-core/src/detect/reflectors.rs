@@ -144,8 +144,7 @@ fn cluster(settings: &Reflectors, beams: &Beams, bright: impl Fn(usize) -> bool,
     if let (true, Some(&first), Some(&last)) = (beams.closed && segments.len() > 1, segments.first(), segments.last()) {
         if first.first + beams.len() - last.last <= reach && joins(last.last, first.first) {
             segments.pop();
-            segments[0] =
-                Segment { first: last.first, last: first.last + beams.len(), hits: first.hits + last.hits };
+            segments[0] = Segment { first: last.first, last: first.last + beams.len(), hits: first.hits + last.hits };
             segments.rotate_left(1);
         }
     }

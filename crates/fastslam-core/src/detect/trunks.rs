@@ -49,6 +49,11 @@ pub struct Trunks {
     pub typical_diameter_m: f64,
     /// Standard deviation of the diameters about the expected one.
     pub typical_diameter_std_m: f64,
+    /// Standard deviation of the range of a centre beyond that of the fit: what repeats from scan to scan, such as lean
+    /// and shape of trunks, must not be averaged away.
+    pub extra_range_std_m: f64,
+    /// The same for the bearing.
+    pub extra_bearing_std_rad: f64,
     /// Probability that a beam on an object comes back.
     pub return_probability: f64,
 }
@@ -72,6 +77,8 @@ impl Default for Trunks {
             roughness_std_m: 0.01,
             typical_diameter_m: 0.5,
             typical_diameter_std_m: 0.4,
+            extra_range_std_m: 0.0,
+            extra_bearing_std_rad: 0.0,
             return_probability: 0.98,
         }
     }
@@ -92,6 +99,8 @@ impl Trunks {
         non_negative("beam_std_rad", self.beam_std_rad)?;
         non_negative("beam_width_rad", self.beam_width_rad)?;
         positive("roughness_std_m", self.roughness_std_m)?;
+        non_negative("extra_range_std_m", self.extra_range_std_m)?;
+        non_negative("extra_bearing_std_rad", self.extra_bearing_std_rad)?;
         positive("typical_diameter_m", self.typical_diameter_m)?;
         positive("typical_diameter_std_m", self.typical_diameter_std_m)?;
         if self.min_beams == 0 {
@@ -142,7 +151,9 @@ impl Detector {
             let c = circle.covariance;
             let spread = settings.roughness_std_m * settings.roughness_std_m;
             let covariance = Symmetric2::new(c[0][0] + spread, c[0][1], c[1][1] + spread);
-            let Some((range_m, bearing_rad, covariance)) = to_polar(center, covariance) else { continue };
+            let Some((range_m, bearing_rad, mut covariance)) = to_polar(center, covariance) else { continue };
+            covariance.xx += settings.extra_range_std_m * settings.extra_range_std_m;
+            covariance.yy += settings.extra_bearing_std_rad * settings.extra_bearing_std_rad;
             let members = (segment.first..=segment.last).map(|i| beams.index(i));
             found.push(Detection {
                 range_m,
