@@ -68,8 +68,8 @@ def find(scans: Scans, config: Layer | None = None, *, twists: Floats | None = N
 def detect(log: Log, config: Layer | None = None) -> Log:
     """The log with the detections in its scans as its sightings; identities are unknown.
 
-    `config` is laid over the detector settings of the scans. The sensor's mounting in the log's settings becomes that
-    of the scans. Errors: DataError for a log without scans, ConfigError.
+    `config` is laid over the detector settings of the scans. The sensor's mounting in the log's settings
+    becomes that of the scans. Errors: DataError for a log without scans, ConfigError.
     """
     if log.scans is None:
         raise DataError("the log holds no laser scans to detect landmarks in", log.source)

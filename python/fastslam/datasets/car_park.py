@@ -1,9 +1,9 @@
-"""Sydney car park: a truck among reflective posts; laser with reflectivity, speed and steering, RTK GPS truth.
+"""Sydney car park: a truck among reflective posts; laser with reflectivity, speed and steering, RTK truth.
 
 Quirks handled: range and reflected intensity share 16 bits; speed and steering are raw counts; latitude is
 positive to the south; the GPS antenna sits at the laser, whose pose is the state, so the sensor mounting is
-zero. The true heading is not known. The posts were surveyed; other reflectors in view were not, so the true map is
-not complete. There are no sightings until a detector has made them from the scans.
+zero. The true heading is not known. The posts were surveyed; other reflectors in view were not, so the true
+map is not complete. There are no sightings until a detector has made them from the scans.
 """
 
 from __future__ import annotations
@@ -25,11 +25,10 @@ from ..log import (
     Log,
     Problem,
     Scans,
-    Sightings,
     TruthLandmarks,
     TruthTrajectory,
 )
-from .clean import clean_controls
+from .clean import clean_controls, no_sightings
 from .csv_table import read_csv
 from .options import LoadOptions
 
@@ -53,7 +52,7 @@ def matches(path: Path) -> bool:
 
 
 def load(path: Path, options: LoadOptions) -> Log:
-    """Read one run (3 unless `options.run` says otherwise). Errors: DataError for a missing or faulty file."""
+    """Read one run (3 unless `options.run` names one). Errors: DataError for a missing or faulty file."""
     run = DEFAULT_RUN if options.run is None else options.run
     controls, control_problems = _controls(path / f"juan{run}_etc.mat")
     scans = _scans(path / f"juan{run}_lsr2.mat")
@@ -69,13 +68,6 @@ def load(path: Path, options: LoadOptions) -> Log:
         config=_config(),
         problems=control_problems,
     )
-
-
-def no_sightings() -> Sightings:
-    """Sightings of a log that has only scans."""
-    numbers: Floats = np.empty(0)
-    indices = np.empty(0, dtype=np.int64)
-    return Sightings(numbers, numbers, numbers, indices, indices, numbers)
 
 
 def _controls(path: Path) -> tuple[Controls, tuple[Problem, ...]]:

@@ -70,6 +70,13 @@ def clean_sightings(sightings: Sightings, *, path: Path) -> tuple[Sightings, tup
     )
 
 
+def no_sightings() -> Sightings:
+    """The sightings of a log that has only scans."""
+    numbers: Floats = np.empty(0)
+    indices: Ints = np.empty(0, dtype=np.int64)
+    return Sightings(numbers, numbers, numbers, indices, indices, numbers)
+
+
 def select_sightings(sightings: Sightings, chosen: Bools | Ints) -> Sightings:
     """The chosen rows, by mask or by index, in that order."""
     return Sightings(

@@ -2,8 +2,8 @@
 
 All times are seconds on the clock of the extracted features (from the first GPS fix). Quirks handled: the
 laser file has no line breaks; beam 0 points right; GPS rows have north before east; the state is the pose of
-the LASER. Where the folder of the extracted features lies beside it, its 4466 position fixes are taken instead
-of the 948 that the ASCII edition kept. There are no sightings until a detector has made them from the scans.
+the LASER. Where the folder of the extracted features lies beside it, its 4466 position fixes are taken, not
+the 948 that the ASCII edition kept. There are no sightings until a detector has made them from the scans.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ import numpy as np
 from ..errors import DataError
 from ..log import BeamGeometry, Log, PositionFixes, Scans
 from . import victoria_park
-from .car_park import no_sightings
-from .clean import clean_controls
+from .clean import clean_controls, no_sightings
 from .options import LoadOptions
 from .text import find_file, read_table, read_text, require_file
 
