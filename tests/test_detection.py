@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +16,8 @@ from fastslam.detection import configure_detector, detect, find
 from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation import evaluate
 from fastslam.log import BeamGeometry, Controls, Log, Scans
+from fastslam.plots.scan import plot_scan, write_scan_figure, write_scan_page
+from matplotlib.figure import Figure
 
 STEP_RAD = np.pi / 360
 GEOMETRY = BeamGeometry(-np.pi / 2, STEP_RAD, 0.1, 80.0)
@@ -106,7 +110,10 @@ def test_a_native_log_keeps_its_scans(tmp_path: Path) -> None:
     assert log.scans is not None
     geometry = replace(GEOMETRY, beam_period_s=1e-4)
     scans = replace(
-        log.scans, geometry=geometry, intensities=log.scans.ranges_m * 0, detector={"kind": "corners"}
+        log.scans,
+        geometry=geometry,
+        intensities=np.ones_like(log.scans.ranges_m),
+        detector={"kind": "corners"},
     )
     back = load(write_native(replace(log, scans=scans), tmp_path / "log")).scans
     assert back is not None and back.geometry == geometry and back.detector == {"kind": "corners"}
@@ -165,3 +172,27 @@ def test_victoria_park_scans_are_read_and_detected(data_dir: Path) -> None:
     found = find(log.scans, log.scans.detector)
     assert len(found.stamp_s) > 30_000
     assert 0.3 < np.nanmedian(found.signature) < 0.9
+
+
+def test_a_scan_is_drawn_with_its_detections(tmp_path: Path) -> None:
+    log = log_of_posts()
+    assert log.scans is not None
+    found = find(log.scans)
+    axis = Figure().add_subplot()
+    plot_scan(axis, log.scans, found, scan=1, max_range_m=30.0)
+    assert axis.get_title() == "Scan 1 at 0.20 s: 2 segments, 2 detections"
+    crosses = [line.get_xydata() for line in axis.lines if line.get_marker() == "+"]
+    np.testing.assert_allclose(np.vstack(crosses), [[3.0, 4.9], [-2.0, 7.9]], atol=0.03)
+    assert write_scan_figure(log, tmp_path / "scan.png", scan=0).read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(DataError, match="scans 0 to 3"):
+        write_scan_figure(log, tmp_path / "other.png", scan=4)
+
+
+def test_the_page_of_scans_holds_them_all(tmp_path: Path) -> None:
+    page = write_scan_page(log_of_posts(), tmp_path / "scans.html").read_text(encoding="utf-8")
+    text = page.split('type="application/json">')[1].split("</script>")[0]
+    data = json.loads(text)
+    assert [len(rows) for rows in data["detections"]] == [2, 2, 2, 2]
+    ranges_cm = np.frombuffer(base64.b64decode(data["ranges_cm"]), dtype="<u2").reshape(4, 361)
+    assert ranges_cm.max() == round(100 * max(r for r in scans_of_posts().ranges_m.ravel() if r < 80))
+    assert "http" not in page

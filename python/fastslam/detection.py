@@ -51,6 +51,8 @@ def find(scans: Scans, config: Layer | None = None, *, twists: Floats | None = N
     ConfigError, DataError for scans whose shapes or geometry make no sense.
     """
     settings = configure_detector(config or {})
+    if scans.ranges_m.ndim != 2:
+        raise DataError(f"scans: got ranges_m of shape {scans.ranges_m.shape}, expected (N, B)")
     try:
         columns = _core.detect(
             settings.to_json(),

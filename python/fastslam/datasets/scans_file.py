@@ -34,9 +34,8 @@ def read_scans(path: Path) -> tuple[Scans | None, tuple[Problem, ...]]:
     stamp_s = _numeric(arrays, "stamp_s", path).astype(np.float64)
     ranges_m = _ranges(arrays, "ranges_m", path)
     if stamp_s.ndim != 1 or ranges_m.ndim != 2 or len(ranges_m) != len(stamp_s):
-        raise DataError(
-            f"got ranges_m {ranges_m.shape} for stamp_s {stamp_s.shape}, expected (N, B), (N,)", path
-        )
+        shapes = f"{ranges_m.shape} for stamp_s {stamp_s.shape}"
+        raise DataError(f"got ranges_m {shapes}, expected (N, B) for (N,)", path)
     intensities = _ranges(arrays, "intensities", path) if "intensities" in arrays else None
     if intensities is not None and intensities.shape != ranges_m.shape:
         raise DataError(f"got intensities {intensities.shape}, expected {ranges_m.shape}", path)
@@ -76,6 +75,8 @@ def write_scans(scans: Scans, path: Path) -> None:
 
 def _arrays(path: Path) -> dict[str, NDArray[Any]]:
     try:
+        with zipfile.ZipFile(path):
+            pass  # NumPy loads other files too, but then not by name.
         with np.load(path, allow_pickle=False) as content:
             arrays = {name: content[name] for name in content.files}
     except (

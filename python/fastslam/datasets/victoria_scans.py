@@ -1,4 +1,4 @@
-"""Victoria Park from raw scans: the 2003 ASCII edition, whose laser file is one line of 15 million characters.
+"""Victoria Park from raw scans: the 2003 ASCII edition, whose laser file is a single line.
 
 All times are seconds on the clock of the extracted features (from the first GPS fix). Quirks handled: the
 laser file has no line breaks; beam 0 points right; GPS rows have north before east; the state is the pose of
