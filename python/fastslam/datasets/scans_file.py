@@ -25,8 +25,8 @@ OPTIONAL = ("intensities", "beam_period_s", "mounting", "detector_json")
 def read_scans(path: Path) -> tuple[Scans | None, tuple[Problem, ...]]:
     """The scans in time order, or None where there is no such file.
 
-    Errors: DataError that names the array for one that is missing, unknown, of another shape or not numeric, or
-    for a geometry that makes no sense.
+    Errors: DataError that names the array for one that is missing, unknown, of another shape or not numeric,
+    or for a geometry that makes no sense.
     """
     if not path.is_file():
         return None, ()

@@ -54,7 +54,7 @@ def plot_scan(axis: Axes, scans: Scans, detections: Detections, *, scan: int, ma
 
 
 def echoes(scans: Scans, scan: int, max_range_m: float) -> tuple[Floats, Ints, Ints]:
-    """Points (E, 2) ahead and left of the sensor, the segment of each (E,), and the rows of the bright ones."""
+    """Points (E, 2) ahead and left of the sensor, the segment of each (E,), rows of the bright ones."""
     geometry = scans.geometry
     ranges_m = scans.ranges_m[scan].astype(np.float64)
     angle_rad = geometry.first_angle_rad + geometry.angle_step_rad * np.arange(len(ranges_m))
@@ -92,7 +92,8 @@ def write_scan_page(log: Log, path: Path | str, *, config: Layer | None = None) 
     found = find(scans, {**scans.detector, **(config or {})})
     every = -(-len(scans.stamp_s) // MAX_PAGE_SCANS)
     shown = np.arange(0, len(scans.stamp_s), every)
-    clean = np.nan_to_num(scans.ranges_m[shown], nan=0.0, posinf=0.0, neginf=0.0)
+    raw: Floats = scans.ranges_m[shown].astype(np.float64)
+    clean = np.nan_to_num(raw, nan=0.0, posinf=0.0, neginf=0.0)
     clean[(clean < scans.geometry.min_range_m) | (clean >= scans.geometry.max_range_m)] = 0.0
     centimetres = np.clip(np.round(100.0 * clean), 0, 65535).astype("<u2")
     rows = [np.flatnonzero(found.scan_index == scan) for scan in shown]
