@@ -61,7 +61,7 @@ def test_swapped_identities_cost_what_they_should() -> None:
 
 
 def test_duplicates_and_false_landmarks_are_told_apart() -> None:
-    points = np.vstack([LANDMARKS_M, LANDMARKS_M[2] + [0.3, 0.0], [[20.0, 20.0]]])
+    points = np.vstack([LANDMARKS_M, LANDMARKS_M[2] + [0.3, 0.0], LANDMARKS_M[3] + [0.8, 0.0]])
     for matching in (BY_PATH, LandmarkMatching()):
         found = landmark_errors(make_map(born(10), points), TRUTH, matching=matching)
         assert (found.matched, found.duplicates, found.false_landmarks) == (8, 1, 2)
@@ -73,7 +73,7 @@ def test_duplicates_and_false_landmarks_are_told_apart() -> None:
 
 
 def test_an_incomplete_truth_accuses_duplicates_only() -> None:
-    points = np.vstack([LANDMARKS_M, LANDMARKS_M[2] + [0.3, 0.0], [[20.0, 20.0]]])
+    points = np.vstack([LANDMARKS_M, LANDMARKS_M[2] + [0.3, 0.0], LANDMARKS_M[3] + [0.8, 0.0]])
     truth = TruthLandmarks(NAMES, LANDMARKS_M, complete=False)
     found = landmark_errors(make_map(born(10), points), truth, matching=BY_PATH)
     assert (found.matched, found.duplicates, found.false_landmarks) == (8, 1, 1)
@@ -99,6 +99,34 @@ def test_names_and_positions_mix_and_a_named_landmark_is_never_matched_by_positi
     found = landmark_errors(make_map(ids, LANDMARKS_M), TRUTH, matching=matching)
     assert sorted(found.estimate_index.tolist()) == [1, 2, 3, 4, 5, 6, 7]
     assert (found.matched, found.missed, found.false_landmarks) == (7, 1, 1)
+
+
+def test_unnamed_pairs_take_part_in_the_final_alignment() -> None:
+    line = np.column_stack([np.arange(5.0), np.zeros(5)])
+    bent = line + np.column_stack([np.zeros(5), 0.1 * np.array([2.0, -1.0, -2.0, -1.0, 2.0])])
+    ids = (NAMES[0], "L1", "L2", "L3", NAMES[4])
+    found = landmark_errors(make_map(ids, bent), TruthLandmarks(NAMES[:5], line), matching=BY_NAME)
+    # Aligned by the two ends alone the others would be 0.3, 0.4 and 0.3 m off.
+    assert found.matched == 5
+    assert found.rmse_m == pytest.approx(0.1 * np.sqrt(14 / 5))
+
+
+@pytest.mark.parametrize("scale", [0.98, 1.02])
+@pytest.mark.parametrize("order", [1, -1])
+def test_an_unlabelled_map_of_slightly_wrong_size_in_any_order_is_placed(scale: float, order: int) -> None:
+    estimate = make_map(born(8), scale * LANDMARKS_M[::order])
+    found = landmark_errors(estimate, TRUTH)
+    # Alignment puts centre on centre; what is left is the scale times the distance from there.
+    spread = np.sqrt(np.mean(np.sum((LANDMARKS_M - LANDMARKS_M.mean(axis=0)) ** 2, axis=1)))
+    assert found.matched == 8
+    assert found.rmse_m == pytest.approx(0.02 * spread)
+
+
+def test_reversed_pairs_are_tried_too() -> None:
+    triangle = np.array([[0.0, 0.0], [10.0, 0.0], [3.0, 7.0]])
+    found = find_transform(triangle[::-1], triangle, gate_m=0.1)
+    assert found is not None
+    np.testing.assert_allclose(found.apply_points(triangle), triangle, atol=1e-9)
 
 
 def test_missing_landmarks_lower_the_recall() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -136,13 +135,9 @@ def test_the_antenna_may_sit_off_the_robots_origin() -> None:
     assert ignored.median_m > 0.1
 
 
-DATA = Path(os.environ.get("FASTSLAM_DATA", Path(__file__).parents[2] / "shared" / "data"))
-
-
-@pytest.mark.skipif(not (DATA / "victoria_park").exists(), reason="real logs are absent (FASTSLAM_DATA)")
-def test_the_two_editions_of_the_victoria_park_fixes_differ_by_their_known_turn() -> None:
-    edited = np.loadtxt(DATA / "victoria_park" / "ascii_2003" / "GPS.txt")
-    everything = np.loadtxt(DATA / "victoria_park" / "features_rfs_slam" / "gps.dat")
+def test_the_two_editions_of_the_victoria_park_fixes_differ_by_their_known_turn(data_dir: Path) -> None:
+    edited = np.loadtxt(data_dir / "victoria_park" / "ascii_2003" / "GPS.txt")
+    everything = np.loadtxt(data_dir / "victoria_park" / "features_rfs_slam" / "gps.dat")
     path = Trajectory(edited[:, 0], np.column_stack([edited[:, 2], edited[:, 1], np.zeros(len(edited))]))
     fixes = PositionFixes(everything[:, 0], everything[:, 1:])
     same = fix_errors(path, fixes, max_gap_s=0.3)
@@ -198,6 +193,12 @@ def test_numbers_are_shown_with_sensible_digits_and_units() -> None:
     assert {row.name for row in rows} >= {"step_latency_us.p50", "counts.covariance_repairs", "ate_rmse_m"}
     row = next(row for row in summary_rows([{"steps": 3}, {"steps": 5}]) if row.name == "steps")
     assert (row.mean, row.median, row.min, row.max) == ("4", "4", "3", "5")
+
+
+def test_all_values_of_a_row_share_one_unit() -> None:
+    row = summary_rows([{"peak_memory_bytes": 10_000_000}, {"peak_memory_bytes": 20_000_000}])[0]
+    # t(0.975, 1) = 12.7062; standard deviation of the mean 5 MB.
+    assert (row.mean, row.ci95, row.min, row.max, row.unit) == ("15", "63.53", "10", "20", "MB")
 
 
 def test_flatten_keeps_the_order() -> None:

@@ -131,6 +131,15 @@ def test_nees_by_hand_in_a_turned_frame() -> None:
     assert (len(found.nees), found.degrees_of_freedom, found.floored) == (5, 3, 0)
 
 
+def test_nees_is_taken_where_the_truth_covers_the_estimate() -> None:
+    stamps = np.array([0.5, 2.5, 3.5, 7.0])
+    poses = np.column_stack([stamps + np.array([0.1, 0.2, 0.3, 0.0]), np.zeros((4, 2))])
+    path = Trajectory(stamps, poses, np.tile(np.eye(3), (4, 1, 1)))
+    found = pose_nees(path, TruthTrajectory(STAMPS, LINE))
+    assert found.stamp_s.tolist() == [0.5, 2.5, 3.5]
+    np.testing.assert_allclose(found.nees, [0.01, 0.04, 0.09], rtol=1e-5)
+
+
 def test_nees_of_a_coalesced_cloud_is_finite_and_counted() -> None:
     path = Trajectory(STAMPS, LINE + np.array([0.001, 0.0, 0.0]), np.zeros((5, 3, 3)))
     truth = TruthTrajectory(STAMPS, LINE, heading_known=False)

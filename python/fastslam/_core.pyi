@@ -15,6 +15,9 @@ def config_schema() -> str:
 def resolve_config(json: str) -> str:
     """Fills in defaults and checks every value; a ValueError's message starts with the dotted key."""
 
+def control_columns(json: str) -> list[str]:
+    """Names of the values of a control of the configured motion model."""
+
 def simulation_schema() -> str:
     """The JSON Schema of the settings of a simulation."""
 
@@ -58,3 +61,21 @@ def detect(
     twists: Floats | None = None,
 ) -> dict[str, Any]:
     """Finds landmarks in scans; returns columns by name. ValueError for a geometry that makes no sense."""
+
+class Filter:
+    """The filter, one control and one scan at a time."""
+
+    def __new__(cls, config_json: str, identities: str) -> Filter: ...
+    def predict(self, control: list[float], dt_s: float) -> None: ...
+    def update(
+        self,
+        stamp_s: float,
+        range_m: Floats,
+        bearing_rad: Floats,
+        identity: Ints,
+        noise: Floats | None = None,
+    ) -> dict[str, Any]: ...
+    def pose(self) -> tuple[Floats, Floats]: ...
+    def particles(self) -> tuple[Floats, Floats]: ...
+    def map(self) -> dict[str, Any]: ...
+    def best_path(self) -> tuple[Floats, Floats]: ...

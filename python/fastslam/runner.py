@@ -13,8 +13,9 @@ from .config import Config
 from .datasets.registry import load
 from .detection import with_sightings
 from .errors import ConfigError, DataError, NumericalError
+from .filter import landmark_map
 from .log import Log
-from .result import LandmarkMap, RunResult, Steps, Trajectory
+from .result import RunResult, Steps, Trajectory
 from .settings import Layer
 
 Progress: TypeAlias = Callable[[int, int], None]
@@ -70,7 +71,11 @@ def run(
         raise DataError(str(error), log.source) from None
     except RuntimeError as error:
         raise NumericalError(str(error)) from None
-    return _result(columns, log, configuration)
+    result = _result(columns, log, configuration)
+    if progress is not None and not result.interrupted:
+        # The core counts up to a bound, which gaps and empty scans keep it from reaching.
+        progress(len(result.steps.stamp_s), len(result.steps.stamp_s))
+    return result
 
 
 def run_many(
@@ -101,24 +106,12 @@ def _result(columns: dict[str, Any], log: Log, config: Config) -> RunResult:
         version=_core.__version__ + debug,
         trajectory=Trajectory(columns["stamp_s"], columns["T_world_robot"], columns["covariance"]),
         smoothed=Trajectory(columns["smoothed_stamp_s"], columns["smoothed_T_world_robot"]),
-        landmarks=_landmark_map(columns["map"], log.identity_names),
+        landmarks=landmark_map(columns["map"], log.identity_names),
         steps=Steps(**{field.name: columns[field.name] for field in fields(Steps)}),
         filter_seconds=columns["filter_seconds"],
         peak_memory_bytes=peak_memory_bytes(),
         interrupted=columns["interrupted"],
         counts=columns["skipped"],
-    )
-
-
-def _landmark_map(columns: dict[str, Any], identity_names: tuple[str, ...]) -> LandmarkMap:
-    return LandmarkMap(
-        ids=tuple(
-            f"L{birth}" if identity < 0 else identity_names[identity]
-            for birth, identity in zip(columns["birth"], columns["identity"], strict=True)
-        ),
-        mean_m=columns["mean_m"],
-        covariance_m2=columns["covariance_m2"],
-        sightings=columns["sightings"],
     )
 
 

@@ -157,9 +157,7 @@ class Schema:
         try:
             resolved: dict[str, Any] = json.loads(self._resolve_json(json.dumps(layer)))
         except ValueError as error:
-            # The position within the JSON text means nothing to someone who wrote YAML or a flag.
-            message = re.sub(r" at line \d+ column \d+$", "", str(error))
-            raise ConfigError(self._say_wrong_kind(message)) from None
+            raise ConfigError(self._say_wrong_kind(str(error))) from None
         return resolved
 
     def _say_wrong_kind(self, message: str) -> str:

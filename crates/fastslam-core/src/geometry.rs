@@ -112,6 +112,12 @@ impl<R: Real> Symmetric2<R> {
         self.xx * self.yy - self.xy * self.xy
     }
 
+    /// This matrix times a number.
+    #[inline(always)]
+    pub fn scaled(self, factor: R) -> Self {
+        Self { xx: self.xx * factor, xy: self.xy * factor, yy: self.yy * factor }
+    }
+
     /// J S Jᵀ for a 2×2 matrix J in row order.
     #[inline(always)]
     pub fn transformed(self, j: [[R; 2]; 2]) -> Self {

@@ -81,6 +81,52 @@ pub struct Fit {
     pub mahalanobis_squared: f64,
 }
 
+/// How the noise of a sensor falls off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Tail {
+    /// As the normal distribution.
+    Gaussian,
+    /// As Student's t with these degrees of freedom.
+    StudentT(f64),
+}
+
+impl Tail {
+    /// From the configured degrees of freedom.
+    pub fn from_degrees_of_freedom(value: Option<f64>) -> Self {
+        value.map_or(Self::Gaussian, Self::StudentT)
+    }
+
+    /// By how much the noise covariance of a sighting this far off is to be scaled: 1 for an ordinary one.
+    ///
+    /// **Source:** the expectation step of the t-distribution as a scale mixture of normals, (κ + d²) / (κ + 2).
+    #[inline(always)]
+    pub fn noise_scale(self, mahalanobis_squared: f64) -> f64 {
+        match self {
+            Self::Gaussian => 1.0,
+            Self::StudentT(k) => ((k + mahalanobis_squared) / (k + 2.0)).max(1.0),
+        }
+    }
+
+    /// The log-density of two dimensions in place of the normal one. The normalising constant is 1 / 2π for both.
+    #[inline(always)]
+    fn log_likelihood(self, gaussian: Fit) -> Fit {
+        match self {
+            Self::Gaussian => gaussian,
+            Self::StudentT(k) => {
+                let d = gaussian.mahalanobis_squared;
+                let excess = 0.5 * d - 0.5 * (k + 2.0) * math::ln(1.0 + d / k);
+                Fit { log_likelihood: gaussian.log_likelihood + excess, mahalanobis_squared: d }
+            }
+        }
+    }
+}
+
+/// ln N(ν; 0, Q) (with the tail of the noise in place of the normal one) and νᵀQ⁻¹ν for a 2×2 Q.
+#[inline(always)]
+pub fn fit_with_tail(innovation: [f64; 2], q: Symmetric2, tail: Tail) -> Fit {
+    tail.log_likelihood(fit(innovation, q))
+}
+
 /// ln N(ν; 0, Q) and νᵀQ⁻¹ν for a 2×2 Q.
 #[inline(always)]
 pub fn fit(innovation: [f64; 2], q: Symmetric2) -> Fit {
@@ -105,14 +151,15 @@ pub fn innovation_covariance(by_landmark: [[f64; 2]; 2], covariance: Symmetric2,
 pub fn correct<M: MeasurementModel>(
     model: &M,
     T_world_sensor: Pose,
-    measured: [f64; 2],
-    noise: Symmetric2,
+    measured: Measured,
     landmark: Gaussian,
 ) -> (Gaussian, Fit) {
     let linear = model.linearize(T_world_sensor, landmark.mean);
-    let innovation = model.innovation(measured, linear.expected);
+    let innovation = model.innovation(measured.value, linear.expected);
     let [[g00, g01], [g10, g11]] = linear.by_landmark;
     let s = landmark.covariance;
+    let plain = fit(innovation, innovation_covariance(linear.by_landmark, s, measured.noise));
+    let noise = measured.noise.scaled(measured.tail.noise_scale(plain.mahalanobis_squared));
     let q = innovation_covariance(linear.by_landmark, s, noise);
     let inverse = 1.0 / q.determinant();
     // Σ Gᵀ, then times Q⁻¹.
@@ -133,7 +180,7 @@ pub fn correct<M: MeasurementModel>(
         ],
         covariance: Symmetric2::new(prior.xx + added.xx, prior.xy + added.xy, prior.yy + added.yy),
     };
-    (corrected, fit(innovation, q))
+    (corrected, measured.tail.log_likelihood(plain))
 }
 
 /// A landmark at its first sighting: μ = g⁻¹(z, s), Σ = G⁻¹ R G⁻ᵀ.
@@ -160,6 +207,8 @@ pub struct Measured {
     pub value: [f64; 2],
     /// R of this sighting.
     pub noise: Symmetric2,
+    /// How the noise falls off.
+    pub tail: Tail,
 }
 
 /// Corrects a landmark in all maps (those in `mask`), adding one to its sightings, and gives the log-likelihood of the
@@ -180,7 +229,7 @@ pub fn correct_rows<M: MeasurementModel>(
             continue;
         }
         let landmark = Gaussian { mean: [mean_x[i], mean_y[i]], covariance: Symmetric2::new(xx[i], xy[i], yy[i]) };
-        let (after, fit) = correct(model, poses.get(i), measured.value, measured.noise, landmark);
+        let (after, fit) = correct(model, poses.get(i), measured, landmark);
         count[i] += 1.0;
         [mean_x[i], mean_y[i]] = after.mean;
         (xx[i], xy[i], yy[i]) = (after.covariance.xx, after.covariance.xy, after.covariance.yy);
@@ -245,7 +294,8 @@ mod tests {
         let pose = Pose::new(0.3, -0.2, 0.4);
         let before = Gaussian { mean: [3.0, 1.5], covariance: Symmetric2::new(0.3, 0.1, 0.2) };
         let measured = [3.1, 0.1];
-        let (after, fit) = correct(&MODEL, pose, measured, MODEL.noise_covariance(), before);
+        let sighting = Measured { value: measured, noise: MODEL.noise_covariance(), tail: Tail::Gaussian };
+        let (after, fit) = correct(&MODEL, pose, sighting, before);
         // Information form: Σ⁻¹ + Gᵀ R⁻¹ G, and the gain Σ' Gᵀ R⁻¹.
         let linear = MODEL.linearize(pose, before.mean);
         let innovation = MODEL.innovation(measured, linear.expected);
@@ -269,6 +319,19 @@ mod tests {
         assert!((after.mean[0] - (3.0 + expected.xx * push[0] + expected.xy * push[1])).abs() < 1e-13);
         assert!((after.mean[1] - (1.5 + expected.xy * push[0] + expected.yy * push[1])).abs() < 1e-13);
         assert!(fit.mahalanobis_squared > 0.0);
+    }
+
+    #[test]
+    fn a_heavy_tail_believes_an_outlier_less_and_an_ordinary_sighting_as_much() {
+        let before = Gaussian { mean: [4.0, 0.0], covariance: Symmetric2::new(0.01, 0.0, 0.01) };
+        let sighting = |range: f64, tail| Measured { value: [range, 0.0], noise: MODEL.noise_covariance(), tail };
+        let shift = |range, tail| correct(&MODEL, Pose::default(), sighting(range, tail), before).0.mean[0] - 4.0;
+        let heavy = Tail::StudentT(4.0);
+        assert_eq!(shift(4.1, heavy), shift(4.1, Tail::Gaussian));
+        assert!(shift(8.0, heavy) < 0.05 * shift(8.0, Tail::Gaussian));
+        // t density with 4 degrees of freedom and unit scale at d² = 4: (1 + 4/4)^-3 / 2π = 1 / 16π.
+        let density = fit_with_tail([2.0, 0.0], Symmetric2::new(1.0, 0.0, 1.0), heavy).log_likelihood;
+        assert!((density + (16.0 * std::f64::consts::PI).ln()).abs() < 1e-14);
     }
 
     #[test]

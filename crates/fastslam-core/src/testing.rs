@@ -133,12 +133,13 @@ fn check_motion_jacobian<M: MotionModel>(model: &M, control: [f64; 3], dt_s: f64
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measurement::RangeBearing;
+    use crate::measurement::{Cartesian, RangeBearing};
     use crate::motion::{Ackermann, Increments, Odometry, Velocity};
 
     #[test]
     fn every_measurement_model_conforms() {
         assert_eq!(check_measurement_model(&RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 }), Ok(500));
+        assert_eq!(check_measurement_model(&Cartesian { position_std_m: 0.1 }), Ok(500));
     }
 
     #[test]
@@ -164,6 +165,12 @@ mod tests {
         }
         fn noise_covariance(&self) -> crate::geometry::Symmetric2 {
             crate::geometry::Symmetric2::new(1.0, 0.0, 1.0)
+        }
+        fn range(&self, measured: [f64; 2]) -> f64 {
+            measured[0]
+        }
+        fn position_variance(&self, _measured: [f64; 2], _noise: crate::geometry::Symmetric2) -> f64 {
+            1.0
         }
     }
 

@@ -203,7 +203,7 @@ mod tests {
     use super::*;
 
     fn sighting() -> Sighting {
-        Sighting { range_m: 1.0, bearing_rad: 0.0, identity: None, noise: None }
+        Sighting::range_bearing(1.0, 0.0, None)
     }
 
     fn log(controls: &[(f64, [f64; 3])], sightings: &[f64]) -> LogData {

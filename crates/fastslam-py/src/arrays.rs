@@ -43,7 +43,7 @@ pub fn sightings(
             let noise = noise
                 .map(|a| a.as_array())
                 .and_then(|a| a[[i, 0]].is_finite().then(|| Symmetric2::new(a[[i, 0]], a[[i, 1]], a[[i, 2]])));
-            Ok(Sighting { range_m: range_m[i], bearing_rad: bearing_rad[i], identity, noise })
+            Ok(Sighting { value: [range_m[i], bearing_rad[i]], identity, noise })
         })
         .collect()
 }

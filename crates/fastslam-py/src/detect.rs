@@ -1,6 +1,6 @@
 //! Bindings of the detectors: scans as arrays in, detections as columns out.
 
-use crate::settings::{parse, schema_of, to_value_error};
+use crate::settings::{from_json, schema_of, to_json, to_python};
 use fastslam_core::detect::{BeamGeometry, Detection, Detector, DetectorConfig, Scan};
 use fastslam_core::error::{Error, Result};
 use numpy::ndarray::{ArrayView1, ArrayView2};
@@ -18,9 +18,9 @@ fn detector_schema() -> PyResult<String> {
 /// Fills in defaults and checks every value.
 #[pyfunction]
 fn resolve_detector(json: &str) -> PyResult<String> {
-    let config: DetectorConfig = parse(json)?;
-    config.validate().map_err(to_value_error)?;
-    serde_json::to_string(&config).map_err(to_value_error)
+    let config: DetectorConfig = from_json(json)?;
+    config.validate().map_err(to_python)?;
+    to_json(&config)
 }
 
 /// Ranges or intensities as they come: one row per scan, in either precision.
@@ -127,8 +127,8 @@ fn detect<'py>(
     intensities: Option<Table<'py>>,
     twists: Option<PyReadonlyArray2<'py, f64>>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let config: DetectorConfig = parse(config_json)?;
-    let geometry: BeamGeometry = parse(geometry_json)?;
+    let config: DetectorConfig = from_json(config_json)?;
+    let geometry: BeamGeometry = from_json(geometry_json)?;
     let stamps = stamp_s.as_array();
     let input = Input {
         ranges_m: ranges_m.view(),
@@ -138,8 +138,8 @@ fn detect<'py>(
     };
     input.check(stamps.len())?;
     // Also for no scans at all, so that a wrong header is an error whatever follows it.
-    geometry.validate(input.ranges_m.shape().1).map_err(|e| to_value_error(e.within("geometry")))?;
-    let (found, ends) = py.detach(|| input.detect(config)).map_err(to_value_error)?;
+    geometry.validate(input.ranges_m.shape().1).map_err(|e| to_python(e.within("geometry")))?;
+    let (found, ends) = py.detach(|| input.detect(config)).map_err(to_python)?;
     columns(py, &found, &ends, stamps)
 }
 

@@ -1,11 +1,15 @@
 //! The filter, step by step.
 
+use crate::settings::to_python;
 use crate::{arrays, config, run};
 use fastslam_core::filter::{FastSlam, Identities};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+
+type Vector<'py> = Bound<'py, PyArray1<f64>>;
+type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
 /// FastSLAM, one control and one scan at a time.
 #[pyclass]
@@ -23,12 +27,12 @@ impl Filter {
             "none" => Identities::None,
             other => return Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
         };
-        let filter = FastSlam::new(config::parse(config_json)?, identities).map_err(config::to_python)?;
+        let filter = FastSlam::new(config::parse(config_json)?, identities).map_err(to_python)?;
         Ok(Self { filter })
     }
 
     fn predict(&mut self, py: Python<'_>, control: [f64; 3], dt_s: f64) -> PyResult<()> {
-        py.detach(|| self.filter.predict(control, dt_s)).map_err(config::to_python)
+        py.detach(|| self.filter.predict(control, dt_s)).map_err(to_python)
     }
 
     #[pyo3(signature = (stamp_s, range_m, bearing_rad, identity, noise=None))]
@@ -42,7 +46,7 @@ impl Filter {
         noise: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref())?;
-        let info = py.detach(|| self.filter.update(stamp_s, &sightings)).map_err(config::to_python)?;
+        let info = py.detach(|| self.filter.update(stamp_s, &sightings)).map_err(to_python)?;
         let dict = PyDict::new(py);
         dict.set_item("step", info.step)?;
         dict.set_item("sightings", info.sightings)?;
@@ -58,14 +62,14 @@ impl Filter {
     }
 
     /// Mean (3) and covariance (3, 3) of the pose now.
-    fn pose<'py>(&mut self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn pose<'py>(&mut self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
         let estimate = py.detach(|| self.filter.predicted_pose());
         let covariance = estimate.covariance.concat().into_pyarray(py).reshape([3, 3])?;
         Ok((estimate.mean.to_array().to_vec().into_pyarray(py), covariance))
     }
 
     /// Poses (M, 3) and normalised weights (M) of the particles.
-    fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+    fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Vector<'py>)> {
         let particles = self.filter.particles();
         let motion = self.filter.pending_motion().mean;
         let poses: Vec<f64> = (0..particles.len()).flat_map(|i| particles.pose(i).compose(motion).to_array()).collect();
@@ -78,7 +82,7 @@ impl Filter {
     }
 
     /// Stamps (T) and poses (T, 3) of the path of the best particle.
-    fn best_path<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn best_path<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
         let path = self.filter.best_path();
         let poses: Vec<f64> = path.iter().flat_map(|node| node.1.to_array()).collect();
         let stamps: Vec<f64> = path.iter().map(|node| node.0).collect();

@@ -1,24 +1,38 @@
 //! Settings cross the border as JSON; errors name the dotted key.
 
-use pyo3::exceptions::PyValueError;
+use fastslam_core::error::Error;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
-use std::fmt::Display;
+use serde::Serialize;
 
 /// Reads settings; the message of an error starts with the dotted key.
-pub fn parse<T: DeserializeOwned>(json: &str) -> PyResult<T> {
-    let mut reader = serde_json::Deserializer::from_str(json);
-    serde_path_to_error::deserialize(&mut reader)
-        .map_err(|error| PyValueError::new_err(format!("{}: {}", error.path(), error.inner())))
+pub fn from_json<T: DeserializeOwned>(json: &str) -> PyResult<T> {
+    let mut deserializer = serde_json::Deserializer::from_str(json);
+    serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
+        let path = error.path().to_string();
+        let message = error.into_inner().to_string();
+        // The position in the JSON text means nothing to a user, who wrote YAML.
+        let message = message.split(" at line ").next().unwrap_or_default().to_owned();
+        PyValueError::new_err(if path == "." { message } else { format!("{path}: {message}") })
+    })
+}
+
+/// Writes settings.
+pub fn to_json(value: &impl Serialize) -> PyResult<String> {
+    serde_json::to_string(value).map_err(|error| PyRuntimeError::new_err(error.to_string()))
 }
 
 /// The JSON Schema of a type of settings.
 pub fn schema_of<T: JsonSchema>() -> PyResult<String> {
-    serde_json::to_string(&schemars::schema_for!(T)).map_err(to_value_error)
+    to_json(&schemars::schema_for!(T))
 }
 
-/// Any error of the core as a `ValueError`.
-pub fn to_value_error(error: impl Display) -> PyErr {
-    PyValueError::new_err(error.to_string())
+/// An error of the core as an exception: bad values are `ValueError`, a filter that cannot go on is `RuntimeError`.
+pub fn to_python(error: Error) -> PyErr {
+    match error {
+        Error::Parameter { .. } | Error::Input(_) => PyValueError::new_err(error.to_string()),
+        Error::AllWeightsZero { .. } | Error::NotFinite { .. } => PyRuntimeError::new_err(error.to_string()),
+    }
 }

@@ -1,6 +1,6 @@
 //! Bindings of the simulator: settings as JSON, a simulated log as columns.
 
-use crate::settings::{parse, schema_of, to_value_error};
+use crate::settings::{from_json, schema_of, to_json, to_python};
 use fastslam_sim::{SimulatedLog, SimulationConfig, PRESETS};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, ToPyArray};
 use pyo3::prelude::*;
@@ -15,29 +15,29 @@ fn simulation_schema() -> PyResult<String> {
 /// Fills in defaults and checks every value.
 #[pyfunction]
 fn resolve_simulation(json: &str) -> PyResult<String> {
-    let config: SimulationConfig = parse(json)?;
-    config.validate().map_err(to_value_error)?;
+    let config: SimulationConfig = from_json(json)?;
+    config.validate().map_err(to_python)?;
     to_json(&config)
 }
 
 /// Name and settings (JSON) of each ready-made simulation.
 #[pyfunction]
 fn simulation_presets() -> PyResult<Vec<(&'static str, String)>> {
-    PRESETS.iter().map(|name| Ok((*name, to_json(&SimulationConfig::preset(name).map_err(to_value_error)?)?))).collect()
+    PRESETS.iter().map(|name| Ok((*name, to_json(&SimulationConfig::preset(name).map_err(to_python)?)?))).collect()
 }
 
 /// The same simulation with about this many landmarks, at the same density.
 #[pyfunction]
 fn simulation_with_landmarks(json: &str, landmarks: u32) -> PyResult<String> {
-    let config: SimulationConfig = parse(json)?;
-    to_json(&config.with_landmarks(landmarks).map_err(to_value_error)?)
+    let config: SimulationConfig = from_json(json)?;
+    to_json(&config.with_landmarks(landmarks).map_err(to_python)?)
 }
 
 /// Simulates a log; returns its columns by name.
 #[pyfunction]
 fn simulate<'py>(py: Python<'py>, json: &str) -> PyResult<Bound<'py, PyDict>> {
-    let config: SimulationConfig = parse(json)?;
-    let log = py.detach(|| fastslam_sim::simulate(&config)).map_err(to_value_error)?;
+    let config: SimulationConfig = from_json(json)?;
+    let log = py.detach(|| fastslam_sim::simulate(&config)).map_err(to_python)?;
     columns(py, &log)
 }
 
@@ -66,10 +66,6 @@ fn columns<'py>(py: Python<'py>, log: &SimulatedLog) -> PyResult<Bound<'py, PyDi
 fn matrix<'py>(py: Python<'py>, values: Vec<f64>, width: usize) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let rows = values.len() / width;
     PyArray1::from_vec(py, values).reshape([rows, width])
-}
-
-fn to_json<T: serde::Serialize>(value: &T) -> PyResult<String> {
-    serde_json::to_string(value).map_err(to_value_error)
 }
 
 /// Adds these functions to the module.

@@ -107,6 +107,7 @@ fn cones() -> SimulationConfig {
         motion: Motion::Velocity(Velocity {
             speed_std_m_per_s: 0.3,
             yaw_rate_std_rad_per_s: 0.05,
+            lateral_std_m_per_s: 0.0,
             noise_period_s: Some(0.02),
         }),
         sensor: Sensor { field_of_view_rad: 2.0 * PI / 3.0, min_range_m: 0.5, ..sensor(0.1, 1.0, 15.0) },

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -98,8 +99,7 @@ def landmark_errors(
     kept = np.flatnonzero(estimate.sightings >= least)
     names = [estimate.ids[row] if named[row] else None for row in kept]
     points_m = estimate.mean_m[kept]
-    transform, pairs = _match(names, points_m, truth, how)
-    return _measure(kept, points_m, truth, transform=transform, pairs=pairs, how=how)
+    return _measure(kept, points_m, truth, match=_match(names, points_m, truth, how), how=how)
 
 
 def _check(estimate: LandmarkMap, truth: TruthLandmarks) -> None:
@@ -111,10 +111,16 @@ def _check(estimate: LandmarkMap, truth: TruthLandmarks) -> None:
             raise DataError(f"{what}: landmark in row {bad[0]} is not finite ({len(bad)} such rows)")
 
 
-def _match(
-    names: list[str | None], points_m: Floats, truth: TruthLandmarks, how: LandmarkMatching
-) -> tuple[RigidTransform | None, tuple[Ints, Ints]]:
-    """`T_truth_estimate` and the paired rows of `points_m` and of the truth, named pairs first."""
+class _Match(NamedTuple):
+    """`T_truth_estimate`, and the paired rows of the considered estimates and of the truth."""
+
+    transform: RigidTransform | None
+    rows: Ints
+    true_rows: Ints
+
+
+def _match(names: list[str | None], points_m: Floats, truth: TruthLandmarks, how: LandmarkMatching) -> _Match:
+    """Pair by name what has one, the rest by position; named pairs come first."""
     row_of = {name: row for row, name in enumerate(truth.names)}
     by_name = [(row, row_of[name]) for row, name in enumerate(names) if name is not None and name in row_of]
     named = np.array(by_name, dtype=np.int64).reshape(-1, 2)
@@ -122,18 +128,18 @@ def _match(
     true_free = np.setdiff1d(np.arange(len(truth.names)), named[:, 1])
     transform = _align_or(points_m[named[:, 0]], truth.position_m[named[:, 1]], how.initial)
     if len(free) == 0 or len(true_free) == 0:
-        return transform, (named[:, 0], named[:, 1])
+        return _Match(transform, *named.T)
     free_m, true_free_m = points_m[free], truth.position_m[true_free]
     if transform is None:
         transform = find_transform(free_m, true_free_m, gate_m=how.gate_m, seed=how.seed)
     if transform is None:
-        return None, (named[:, 0], named[:, 1])
+        return _Match(None, *named.T)
     if len(named) < 2:
         transform, _, _ = refine_transform(transform, free_m, true_free_m, gate_m=how.gate_m)
     found, true_found = assign_points(transform.apply_points(free_m), true_free_m, gate_m=how.gate_m)
     rows = np.concatenate([named[:, 0], free[found]])
     true_rows = np.concatenate([named[:, 1], true_free[true_found]])
-    return _align_or(points_m[rows], truth.position_m[true_rows], transform), (rows, true_rows)
+    return _Match(_align_or(points_m[rows], truth.position_m[true_rows], transform), rows, true_rows)
 
 
 def _align_or(points_m: Floats, true_m: Floats, otherwise: RigidTransform | None) -> RigidTransform | None:
@@ -149,11 +155,10 @@ def _measure(
     points_m: Floats,
     truth: TruthLandmarks,
     *,
-    transform: RigidTransform | None,
-    pairs: tuple[Ints, Ints],
+    match: _Match,
     how: LandmarkMatching,
 ) -> LandmarkErrors:
-    rows, true_rows = pairs
+    transform, rows, true_rows = match
     aligned_m = points_m if transform is None else transform.apply_points(points_m)
     unmatched = np.setdiff1d(np.arange(len(points_m)), rows)
     duplicates = 0

@@ -37,11 +37,23 @@ def plot_error_over_time(
         )
     title = "Reported position uncertainty (this log has no truth)"
     if found.live is not None:
-        _line(axis, found.live.stamp_s - start_s, found.live.error_m, label="error, live path")
+        _line(
+            axis,
+            found.live.stamp_s - start_s,
+            found.live.error_m,
+            label="error, live path",
+            color=style.LIVE,
+            linewidth=1.8,
+        )
         if found.smoothed is not None:
             smoothed = found.smoothed
             _line(
-                axis, smoothed.stamp_s - start_s, smoothed.error_m, label="error, smoothed path", live=False
+                axis,
+                smoothed.stamp_s - start_s,
+                smoothed.error_m,
+                label="error, smoothed path",
+                color=style.SMOOTHED,
+                linewidth=0.8,
             )
         title = f"Position error after alignment, RMSE {found.live.aligned_m.rmse:.3g} m"
     elif found.fixes is not None:
@@ -63,7 +75,14 @@ def plot_effective_sample_size(axis: Axes, result: RunResult) -> Axes:
     if len(time_s) > MAX_CLEAR_STEPS:
         _plot_envelope(axis, time_s, steps.effective_sample_size, label="effective sample size")
     else:
-        _line(axis, time_s, steps.effective_sample_size, label="effective sample size", width=0.9)
+        _line(
+            axis,
+            time_s,
+            steps.effective_sample_size,
+            label="effective sample size",
+            color=style.LIVE,
+            linewidth=0.9,
+        )
     particles = particle_count(result.config)
     if particles is not None:
         ceiling: dict[str, Any] = {"color": style.MUTED, "linestyle": (0, (4, 2)), "linewidth": 1.0}
@@ -142,12 +161,8 @@ def _plot_fix_errors(axis: Axes, time_s: Floats, error_m: Floats) -> None:
         axis.set_ylim(top=limit_m)
 
 
-def _line(
-    axis: Axes, time_s: Floats, values: Floats, *, label: str, live: bool = True, width: float = 1.2
-) -> None:
-    color = style.LIVE if live else style.SMOOTHED
-    heavy = style.is_heavy(len(time_s))
-    axis.plot(time_s, values, color=color, linewidth=width, label=label, rasterized=heavy)
+def _line(axis: Axes, time_s: Floats, values: Floats, **line: Any) -> None:
+    axis.plot(time_s, values, **{"linewidth": 1.2, **line}, rasterized=style.is_heavy(len(time_s)))
 
 
 def _start_s(result: RunResult) -> float:

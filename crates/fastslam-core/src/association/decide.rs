@@ -2,7 +2,7 @@
 
 use crate::config::{AssociationOrder, Exclusion};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
-use crate::landmark::{column, fit, innovation_covariance, Fit, Gaussian, Measured};
+use crate::landmark::{column, fit_with_tail, innovation_covariance, Fit, Gaussian, Measured, Tail};
 use crate::measurement::MeasurementModel;
 
 /// What a particle decides about a sighting.
@@ -98,6 +98,8 @@ struct View {
     innovation: [f64; 2],
     by_pose: [[f64; 3]; 2],
     q: Symmetric2,
+    noise: Symmetric2,
+    tail: Tail,
 }
 
 /// G_s for the robot's pose: the sensor turns about the robot, so its lever arm enters.
@@ -114,6 +116,8 @@ impl Belief {
             innovation: model.innovation(measured.value, linear.expected),
             by_pose: by_robot_pose(linear.by_pose, self.mean, sensor),
             q: innovation_covariance(linear.by_landmark, landmark.covariance, measured.noise),
+            noise: measured.noise,
+            tail: measured.tail,
         }
     }
 
@@ -137,7 +141,7 @@ impl Belief {
     /// How likely the sighting is under this belief, with the pose's uncertainty.
     fn judge(&self, view: &View) -> Fit {
         let cross = self.cross(&view.by_pose);
-        fit(view.innovation, Self::total_covariance(&cross, view))
+        fit_with_tail(view.innovation, Self::total_covariance(&cross, view), view.tail)
     }
 
     /// The belief after a sighting of a landmark, and how well it fitted.
@@ -147,7 +151,10 @@ impl Belief {
     #[inline(always)]
     fn refined(&self, view: &View) -> (Self, Fit) {
         let cross = self.cross(&view.by_pose);
-        let l = Self::total_covariance(&cross, view);
+        let plain = Self::total_covariance(&cross, view);
+        let fitted = fit_with_tail(view.innovation, plain, view.tail);
+        let more = view.noise.scaled(view.tail.noise_scale(fitted.mahalanobis_squared) - 1.0);
+        let l = Symmetric2::new(plain.xx + more.xx, plain.xy + more.xy, plain.yy + more.yy);
         let inverse = 1.0 / l.determinant();
         let gain = cross.map(|[a, b]| [(a * l.yy - b * l.xy) * inverse, (b * l.xx - a * l.xy) * inverse]);
         let step: [f64; 3] = std::array::from_fn(|i| gain[i][0] * view.innovation[0] + gain[i][1] * view.innovation[1]);
@@ -159,7 +166,7 @@ impl Belief {
             self.mean.y + step[1],
             crate::math::wrap_angle(self.mean.heading + step[2]),
         );
-        (Self { mean, covariance }, fit(view.innovation, l))
+        (Self { mean, covariance }, fitted)
     }
 
     /// Refines by a sighting of a known landmark and gives the log-likelihood of the sighting.
@@ -199,6 +206,7 @@ struct Choice {
 ///
 /// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15: the likeliest landmark, or a new one when even that is less
 /// likely than the threshold. Densities include the pose's uncertainty (L in place of Q), which is zero in FastSLAM 1.0.
+#[allow(clippy::too_many_arguments)] // Called once, by the filter, with each of its parts.
 pub fn associate<M: MeasurementModel>(
     model: &M,
     T_robot_sensor: Pose,

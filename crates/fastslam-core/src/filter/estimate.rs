@@ -3,6 +3,7 @@
 use super::{mixture, FastSlam};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, gaussian_in};
+use crate::measurement::MeasurementModel;
 
 /// A landmark of the estimated map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,7 +27,7 @@ pub struct MapEstimate {
     pub landmarks: Vec<MapLandmark>,
 }
 
-impl FastSlam {
+impl<M: MeasurementModel> FastSlam<M> {
     /// The pose as the particles stand.
     pub(super) fn estimate_particles(&mut self) {
         let particles = &self.particles;

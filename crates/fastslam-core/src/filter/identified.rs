@@ -4,8 +4,9 @@ use super::scan::ScanSighting;
 use super::{FastSlam, StepInfo};
 use crate::error::Result;
 use crate::landmark::{correct_rows, first_rows, gaussian_in};
+use crate::measurement::MeasurementModel;
 
-impl FastSlam {
+impl<M: MeasurementModel> FastSlam<M> {
     /// FastSLAM 1.0 after its poses were sampled: correct and weigh, then resample.
     ///
     /// **Source:** `montemerlo2002fastslam`, sections 3.1 and 3.2.

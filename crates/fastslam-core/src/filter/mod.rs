@@ -14,7 +14,7 @@ use crate::association::Rules;
 use crate::config::{Algorithm, AssociationMode, Config};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
-use crate::landmark::{Measured, SensorPoses, LN_TAU};
+use crate::landmark::{Measured, SensorPoses, Tail, LN_TAU};
 use crate::math;
 use crate::measurement::{MeasurementModel, RangeBearing};
 use crate::motion::{MotionGaussian, PoseColumns};
@@ -28,14 +28,19 @@ use landmarks::Landmarks;
 /// One detection of a landmark.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sighting {
-    /// Metres from the sensor.
-    pub range_m: f64,
-    /// Radians counter-clockwise from the sensor's heading.
-    pub bearing_rad: f64,
+    /// In the coordinates of the measurement model; (range in m, bearing in rad) for [`RangeBearing`].
+    pub value: [f64; 2],
     /// Which landmark it is, where somebody says so.
     pub identity: Option<u32>,
     /// Covariance of (range, bearing) when the detector gives one.
     pub noise: Option<Symmetric2>,
+}
+
+impl Sighting {
+    /// Range in metres and bearing in radians, counter-clockwise from the sensor's heading, with the sensor's noise.
+    pub fn range_bearing(range_m: f64, bearing_rad: f64, identity: Option<u32>) -> Self {
+        Self { value: [range_m, bearing_rad], identity, noise: None }
+    }
 }
 
 /// What happened in one step.
@@ -85,15 +90,15 @@ const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;
 /// use fastslam_core::{config::Config, filter::{FastSlam, Identities, Sighting}};
 /// let mut filter = FastSlam::new(Config::default(), Identities::All)?;
 /// filter.predict([1.0, 0.1, 0.0], 0.1)?;
-/// let tree = Sighting { range_m: 4.0, bearing_rad: 0.3, identity: Some(7), noise: None };
+/// let tree = Sighting::range_bearing(4.0, 0.3, Some(7));
 /// let info = filter.update(0.1, &[tree])?;
 /// assert_eq!((info.new_landmarks, filter.map().landmarks.len()), (1, 1));
 /// # Ok::<(), fastslam_core::error::Error>(())
 /// ```
-pub struct FastSlam {
+pub struct FastSlam<M = RangeBearing> {
     config: Config,
     identities: Identities,
-    model: RangeBearing,
+    model: M,
     T_robot_sensor: Pose,
     lever_arm_m: f64,
     rules: Rules,
@@ -120,17 +125,26 @@ impl FastSlam {
     ///
     /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
     pub fn new(config: Config, identities: Identities) -> Result<Self> {
+        let model = config.sensor.range_bearing();
+        Self::with_model(config, identities, model)
+    }
+}
+
+impl<M: MeasurementModel> FastSlam<M> {
+    /// A filter for any measurement model, which brings its own noise; of `Config::sensor` the limits, the tail and
+    /// the mounting count.
+    pub fn with_model(config: Config, identities: Identities, model: M) -> Result<Self> {
         config.validate()?;
         let identities = match config.association.mode {
             AssociationMode::Known => identities,
             AssociationMode::Unknown => Identities::None,
         };
-        let model = config.sensor.range_bearing();
         let rules = rules(&config, &model);
         let start = config.initial_pose.T_world_robot();
         let particles = config.filter.particles as usize;
         let gate_radius = gate_radius(&rules, &model);
-        let cell_m = (4.0 * gate_radius * config.sensor.range_std_m).clamp(0.5, 20.0);
+        let noise = model.noise_covariance();
+        let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
         Ok(Self {
             landmarks: Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius),
             lever_arm_m: config.sensor.mounting.x_m.hypot(config.sensor.mounting.y_m),
@@ -239,17 +253,19 @@ impl FastSlam {
         let mut usable = Vec::with_capacity(sightings.len());
         for s in sightings {
             let identity = if self.identities == Identities::None { None } else { s.identity };
-            if !(s.range_m.is_finite() && s.bearing_rad.is_finite()) {
+            let range = self.model.range(s.value);
+            if !s.value.iter().all(|v| v.is_finite()) {
                 skipped.not_finite += 1;
-            } else if s.range_m < sensor.min_range_m {
+            } else if range < sensor.min_range_m {
                 skipped.too_near += 1;
-            } else if s.range_m > sensor.max_range_m {
+            } else if range > sensor.max_range_m {
                 skipped.too_far += 1;
             } else if identity.is_none() && self.identities == Identities::All {
                 skipped.without_identity += 1;
             } else {
                 let noise = s.noise.filter(|n| n.is_positive_definite()).unwrap_or(self.model.noise_covariance());
-                let measured = Measured { value: [s.range_m, s.bearing_rad], noise };
+                let tail = Tail::from_degrees_of_freedom(sensor.tail_degrees_of_freedom);
+                let measured = Measured { value: s.value, noise, tail };
                 usable.push(scan::ScanSighting { measured, identity });
             }
         }
@@ -313,7 +329,7 @@ impl FastSlam {
     }
 }
 
-fn rules(config: &Config, model: &RangeBearing) -> Rules {
+fn rules<M: MeasurementModel>(config: &Config, model: &M) -> Rules {
     let association = &config.association;
     let gate = |probability: f64| -2.0 * math::ln(1.0 - probability);
     let twice = model.noise_covariance();
@@ -333,7 +349,7 @@ fn rules(config: &Config, model: &RangeBearing) -> Rules {
 
 /// How many standard deviations a landmark can lie off and still be likelier than a new one: its likelihood is at most
 /// that with the sensor's noise alone.
-fn gate_radius(rules: &Rules, model: &RangeBearing) -> f64 {
+fn gate_radius<M: MeasurementModel>(rules: &Rules, model: &M) -> f64 {
     let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
     (2.0 * (peak - rules.log_new_density)).max(0.0).sqrt()
 }

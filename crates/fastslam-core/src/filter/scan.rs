@@ -12,7 +12,7 @@ use crate::random::Purpose;
 
 pub(super) use crate::association::ScanSighting;
 
-impl FastSlam {
+impl<M: MeasurementModel> FastSlam<M> {
     /// One scan with unknown identities: associate and weigh, resample, sample the poses, correct the landmarks.
     ///
     /// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15; `montemerlo2003fastslam`, section 4. In FastSLAM 1.0 the
@@ -143,8 +143,8 @@ impl FastSlam {
     /// Where a sighted landmark can be, for any particle.
     fn region_of(&self, sighting: &ScanSighting, beliefs: &[Belief]) -> Box2 {
         let gate_radius = self.gate_radius;
-        let [range, _] = sighting.measured.value;
-        let noise = sighting.measured.noise;
+        let range = self.model.range(sighting.measured.value);
+        let noise = self.model.position_variance(sighting.measured.value, sighting.measured.noise);
         let mut region = Box2::EMPTY;
         for belief in beliefs {
             let p = &belief.covariance;
@@ -152,7 +152,7 @@ impl FastSlam {
             let point = self.model.inverse(sensor, sighting.measured.value);
             let lever = (range + self.lever_arm_m) * (range + self.lever_arm_m);
             // The trace bounds the largest eigenvalue of the sighting's covariance in the plane.
-            let variance = p[0][0] + p[1][1] + lever * p[2][2] + noise.xx + range * range * noise.yy;
+            let variance = p[0][0] + p[1][1] + lever * p[2][2] + noise;
             region.include(point, gate_radius * (2.0 * variance).sqrt());
         }
         region

@@ -3,8 +3,10 @@
 //! A new model is one file with [`MeasurementModel`] implemented;
 //! [`crate::testing::check_measurement_model`] puts it through its conformance suite.
 
+mod cartesian;
 mod range_bearing;
 
+pub use cartesian::Cartesian;
 pub use range_bearing::RangeBearing;
 
 use crate::error::{finite, positive, Result};
@@ -37,6 +39,13 @@ pub trait MeasurementModel {
 
     /// R: covariance of the measurement.
     fn noise_covariance(&self) -> Symmetric2;
+
+    /// Distance of the landmark from the sensor, metres.
+    fn range(&self, measured: [f64; 2]) -> f64;
+
+    /// Variance of the landmark's position that the noise of one measurement makes, in the worst direction: an upper
+    /// bound, square metres.
+    fn position_variance(&self, measured: [f64; 2], noise: Symmetric2) -> f64;
 
     /// g with its Jacobians. By automatic differentiation unless the model has a closed form, which the conformance
     /// suite checks against it.
@@ -98,6 +107,9 @@ pub struct Sensor {
     pub max_range_m: f64,
     /// Full opening angle, centred straight ahead of the sensor.
     pub field_of_view_rad: f64,
+    /// Degrees of freedom of the noise (Student's t): 3 to 10 for a sensor with outliers. Without it the noise is
+    /// Gaussian, and one wild sighting can spoil a landmark.
+    pub tail_degrees_of_freedom: Option<f64>,
     /// Pose of the sensor on the robot.
     pub mounting: Mounting,
 }
@@ -120,6 +132,7 @@ impl Default for Sensor {
             min_range_m: 0.05,
             max_range_m: 100.0,
             field_of_view_rad: std::f64::consts::TAU,
+            tail_degrees_of_freedom: None,
             mounting: Mounting::default(),
         }
     }
@@ -134,6 +147,9 @@ impl Sensor {
             positive("min_range_m", self.min_range_m)?;
             positive("max_range_m", self.max_range_m)?;
             positive("field_of_view_rad", self.field_of_view_rad)?;
+            if let Some(value) = self.tail_degrees_of_freedom {
+                positive("tail_degrees_of_freedom", value)?;
+            }
             self.mounting.validate()
         };
         check().map_err(|e| e.within("sensor"))

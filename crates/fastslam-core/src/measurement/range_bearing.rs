@@ -39,6 +39,14 @@ impl MeasurementModel for RangeBearing {
         Symmetric2::new(self.range_std_m * self.range_std_m, 0.0, self.bearing_std_rad * self.bearing_std_rad)
     }
 
+    fn range(&self, measured: [f64; 2]) -> f64 {
+        measured[0]
+    }
+
+    fn position_variance(&self, measured: [f64; 2], noise: Symmetric2) -> f64 {
+        noise.xx + measured[0] * measured[0] * noise.yy
+    }
+
     #[inline(always)]
     fn linearize(&self, T_world_sensor: Pose, landmark_in_world: [f64; 2]) -> Linearization {
         let dx = landmark_in_world[0] - T_world_sensor.x;

@@ -30,6 +30,8 @@ pub struct Ackermann {
     pub speed_std_m_per_s: f64,
     /// Standard deviation of the steering angle.
     pub steering_std_rad: f64,
+    /// Standard deviation of sideways slip of the tracked point.
+    pub lateral_std_m_per_s: f64,
     /// The standard deviations belong to a control held this long, and shrink with the root of a longer time (white
     /// noise). Without it they belong to each row, however long it lasts.
     pub noise_period_s: Option<f64>,
@@ -44,6 +46,7 @@ impl Default for Ackermann {
             sensor_left_m: 0.5,
             speed_std_m_per_s: 1.0,
             steering_std_rad: 0.05,
+            lateral_std_m_per_s: 0.0,
             noise_period_s: Some(0.025),
         }
     }
@@ -58,13 +61,13 @@ impl MotionModel for Ackermann {
         let std = |value| white_noise_std(value, self.noise_period_s, dt_s);
         ConditionedControl {
             mean: [control[0], control[1], 0.0],
-            std: [std(self.speed_std_m_per_s), std(self.steering_std_rad), 0.0],
+            std: [std(self.speed_std_m_per_s), std(self.steering_std_rad), std(self.lateral_std_m_per_s)],
             dt_s,
         }
     }
 
     #[inline(always)]
-    fn relative_motion<R: Real>(&self, [speed, steering, _]: [R; 3], dt_s: f64) -> Pose<R> {
+    fn relative_motion<R: Real>(&self, [speed, steering, lateral]: [R; 3], dt_s: f64) -> Pose<R> {
         let constant = R::constant;
         let (sine, cosine) = steering.sin_cos();
         // v_c / cos α and ω, multiplied out so that a wheel turned by 90° needs no tangent.
@@ -74,7 +77,7 @@ impl MotionModel for Ackermann {
         let dt = constant(dt_s);
         Pose::from_twist(
             (center_speed - yaw_rate * constant(self.sensor_left_m)) * dt,
-            yaw_rate * constant(self.sensor_ahead_m) * dt,
+            (yaw_rate * constant(self.sensor_ahead_m) + lateral) * dt,
             yaw_rate * dt,
         )
     }
@@ -86,6 +89,7 @@ impl MotionModel for Ackermann {
         finite("sensor_left_m", self.sensor_left_m)?;
         positive("speed_std_m_per_s", self.speed_std_m_per_s)?;
         non_negative("steering_std_rad", self.steering_std_rad)?;
+        non_negative("lateral_std_m_per_s", self.lateral_std_m_per_s)?;
         if self.encoder_left_m.abs() >= self.wheelbase_m {
             return Err(Error::parameter("encoder_left_m", self.encoder_left_m, "less than the wheelbase"));
         }

@@ -259,7 +259,12 @@ mod tests {
         let (n, steps) = (40_000_usize, 4_u64);
         for motion in [
             car(),
-            Motion::Velocity(Velocity { speed_std_m_per_s: 0.3, yaw_rate_std_rad_per_s: 0.02, noise_period_s: None }),
+            Motion::Velocity(Velocity {
+                speed_std_m_per_s: 0.3,
+                yaw_rate_std_rad_per_s: 0.02,
+                lateral_std_m_per_s: 0.0,
+                noise_period_s: None,
+            }),
         ] {
             let (mut x, mut y, mut heading) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
             let mut gaussian = MotionGaussian::default();
@@ -306,6 +311,7 @@ mod tests {
         let motion = Motion::Velocity(Velocity {
             speed_std_m_per_s: 0.3,
             yaw_rate_std_rad_per_s: 0.1,
+            lateral_std_m_per_s: 0.0,
             noise_period_s: Some(0.1),
         });
         let whole = motion.extend(&MotionGaussian::default(), [1.0, 0.0, 0.0], 0.2);

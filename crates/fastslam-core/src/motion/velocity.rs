@@ -18,6 +18,9 @@ pub struct Velocity {
     pub speed_std_m_per_s: f64,
     /// Standard deviation of the yaw rate.
     pub yaw_rate_std_rad_per_s: f64,
+    /// Standard deviation of sideways slip. Without it the robot can only move where it heads, and a wheel that is not
+    /// quite straight turns the estimated heading instead.
+    pub lateral_std_m_per_s: f64,
     /// The standard deviations belong to a control held this long, and shrink with the root of a longer time (white
     /// noise). Without it they belong to each row, however long it lasts.
     pub noise_period_s: Option<f64>,
@@ -25,7 +28,12 @@ pub struct Velocity {
 
 impl Default for Velocity {
     fn default() -> Self {
-        Self { speed_std_m_per_s: 0.1, yaw_rate_std_rad_per_s: 0.05, noise_period_s: Some(0.1) }
+        Self {
+            speed_std_m_per_s: 0.1,
+            yaw_rate_std_rad_per_s: 0.05,
+            lateral_std_m_per_s: 0.0,
+            noise_period_s: Some(0.1),
+        }
     }
 }
 
@@ -38,20 +46,21 @@ impl MotionModel for Velocity {
         let std = |value| white_noise_std(value, self.noise_period_s, dt_s);
         ConditionedControl {
             mean: [control[0], control[1], 0.0],
-            std: [std(self.speed_std_m_per_s), std(self.yaw_rate_std_rad_per_s), 0.0],
+            std: [std(self.speed_std_m_per_s), std(self.yaw_rate_std_rad_per_s), std(self.lateral_std_m_per_s)],
             dt_s,
         }
     }
 
     #[inline(always)]
-    fn relative_motion<R: Real>(&self, [speed, yaw_rate, _]: [R; 3], dt_s: f64) -> Pose<R> {
+    fn relative_motion<R: Real>(&self, [speed, yaw_rate, lateral]: [R; 3], dt_s: f64) -> Pose<R> {
         let dt = R::constant(dt_s);
-        Pose::from_twist(speed * dt, R::constant(0.0), yaw_rate * dt)
+        Pose::from_twist(speed * dt, lateral * dt, yaw_rate * dt)
     }
 
     fn validate(&self) -> Result<()> {
         positive("speed_std_m_per_s", self.speed_std_m_per_s)?;
         non_negative("yaw_rate_std_rad_per_s", self.yaw_rate_std_rad_per_s)?;
+        non_negative("lateral_std_m_per_s", self.lateral_std_m_per_s)?;
         validate_period(self.noise_period_s)
     }
 }
