@@ -8,8 +8,6 @@ map is not complete. There are no sightings until a detector has made them from 
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +78,8 @@ def _controls(path: Path) -> tuple[Controls, tuple[Problem, ...]]:
 def _scans(path: Path) -> Scans:
     """Range in centimetres in the low 13 bits, intensity (0 to 4) in the high 3; beam 0 points right."""
     packed = _variable(path, "LASER", columns=361)
+    if packed.dtype != np.uint16:
+        raise DataError(f"LASER: got type {packed.dtype}, expected uint16", path)
     stamp_s = 1e-3 * _variable(path, "TLsr", columns=1)[:, 0].astype(np.float64)
     if len(stamp_s) != len(packed):
         raise DataError(f"got {len(stamp_s)} stamps for {len(packed)} scans", path)
@@ -130,17 +130,20 @@ def _posts(path: Path) -> TruthLandmarks | None:
 
 def _variable(path: Path, name: str, *, columns: int) -> NDArray[Any]:
     """A matrix of a MATLAB file. Errors: DataError where file or matrix are missing or of another width."""
+    if not path.is_file():
+        raise DataError("the file is missing", path)
     try:
         content = scipy.io.loadmat(path, variable_names=[name])
-    except FileNotFoundError as error:
-        raise DataError("the file is missing", path) from error
-    except (OSError, ValueError, TypeError, NotImplementedError, zlib.error, zipfile.BadZipFile) as error:
-        raise DataError(f"is no readable MATLAB file ({error})", path) from error
+    except Exception as error:  # the reader raises errors of any kind for a damaged file
+        reason = " ".join(str(error).split())
+        raise DataError(f"is no readable MATLAB file ({reason})", path) from error
     if name not in content:
         raise DataError(f"the matrix {name} is missing", path)
     matrix: NDArray[Any] = content[name]
     if matrix.ndim != 2 or matrix.shape[1] != columns or len(matrix) == 0:
         raise DataError(f"{name}: got shape {matrix.shape}, expected rows of {columns}", path)
+    if matrix.dtype.kind not in "fiu":
+        raise DataError(f"{name}: got type {matrix.dtype}, expected numbers", path)
     return matrix
 
 
