@@ -1,6 +1,7 @@
 //! The detectors against arenas whose truth is known.
 
 use fastslam_core::detect::{BeamGeometry, Detection, Detector, DetectorConfig, Scan};
+use fastslam_core::error::Result;
 use fastslam_core::geometry::Pose;
 use fastslam_core::random::{Purpose, RandomSource};
 use fastslam_sim::arena::{Arena, ArenaScan, Laser};
@@ -118,9 +119,9 @@ fn moments(values: &[f64]) -> (f64, f64, f64) {
     (mean, std / n.sqrt(), std)
 }
 
-fn survey(arenas: u64, poses: u32) -> Score {
+fn survey(arenas: u64, poses: u32) -> Result<Score> {
     let laser = laser();
-    let mut detector = Detector::new(DetectorConfig::default()).unwrap();
+    let mut detector = Detector::new(DetectorConfig::default())?;
     let (mut score, mut found) = (Score::default(), Vec::new());
     for seed in 0..arenas {
         let arena = Arena::random(seed, 45, 40.0, [0.15, 0.8], 1.0);
@@ -128,16 +129,16 @@ fn survey(arenas: u64, poses: u32) -> Score {
             let scan = arena.scan(pose, [0.0; 3], &laser, RandomSource::new(seed), number as u64);
             found.clear();
             let input = Scan { ranges_m: &scan.ranges_m, intensities: None, geometry: laser.geometry, twist: None };
-            detector.detect(&input, &mut found).unwrap();
+            detector.detect(&input, &mut found)?;
             score.add(&views(&arena, &scan, pose, &laser), &found);
         }
     }
-    score
+    Ok(score)
 }
 
 #[test]
 fn rocks_are_found_where_they_are() {
-    let score = survey(8, 40);
+    let score = survey(8, 40).unwrap();
     let precision = score.correct as f64 / score.detections as f64;
     let recall = score.found as f64 / score.wide as f64;
     println!("precision {precision:.4} of {}, recall {recall:.4} of {}", score.detections, score.wide);
@@ -150,7 +151,7 @@ fn rocks_are_found_where_they_are() {
 
 #[test]
 fn positions_are_unbiased_and_their_covariance_is_not_too_small() {
-    let score = survey(8, 40);
+    let score = survey(8, 40).unwrap();
     for (name, values) in ["radial", "tangential"].iter().zip(&score.errors) {
         let (mean, error, std) = moments(values);
         println!("{name}: {:.2} ± {:.2} mm, std {:.1} mm, n {}", 1e3 * mean, 1e3 * error, 1e3 * std, values.len());
