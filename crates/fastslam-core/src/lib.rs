@@ -5,6 +5,7 @@
 
 pub mod association;
 pub mod config;
+pub mod detect;
 pub mod error;
 pub mod filter;
 pub mod geometry;
