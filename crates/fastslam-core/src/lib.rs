@@ -5,6 +5,7 @@
 
 pub mod association;
 pub mod config;
+pub mod detect;
 pub mod error;
 pub mod filter;
 pub mod geometry;
@@ -20,4 +21,5 @@ pub mod run;
 pub mod store;
 pub mod testing;
 pub mod timeline;
+pub mod vector;
 pub mod weights;
