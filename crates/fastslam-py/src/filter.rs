@@ -1,5 +1,6 @@
 //! The filter, step by step.
 
+use crate::settings::to_python;
 use crate::{arrays, config, run};
 use fastslam_core::filter::{FastSlam, Identities};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -23,12 +24,12 @@ impl Filter {
             "none" => Identities::None,
             other => return Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
         };
-        let filter = FastSlam::new(config::parse(config_json)?, identities).map_err(config::to_python)?;
+        let filter = FastSlam::new(config::parse(config_json)?, identities).map_err(to_python)?;
         Ok(Self { filter })
     }
 
     fn predict(&mut self, py: Python<'_>, control: [f64; 3], dt_s: f64) -> PyResult<()> {
-        py.detach(|| self.filter.predict(control, dt_s)).map_err(config::to_python)
+        py.detach(|| self.filter.predict(control, dt_s)).map_err(to_python)
     }
 
     #[pyo3(signature = (stamp_s, range_m, bearing_rad, identity, noise=None))]
@@ -42,7 +43,7 @@ impl Filter {
         noise: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref())?;
-        let info = py.detach(|| self.filter.update(stamp_s, &sightings)).map_err(config::to_python)?;
+        let info = py.detach(|| self.filter.update(stamp_s, &sightings)).map_err(to_python)?;
         let dict = PyDict::new(py);
         dict.set_item("step", info.step)?;
         dict.set_item("sightings", info.sightings)?;

@@ -4,6 +4,8 @@ mod arrays;
 mod config;
 mod filter;
 mod run;
+mod settings;
+mod simulation;
 
 use pyo3::prelude::*;
 
@@ -17,5 +19,5 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(config::control_columns, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
     module.add_class::<filter::Filter>()?;
-    Ok(())
+    simulation::register(module)
 }

@@ -1,5 +1,6 @@
 //! A whole log in one call.
 
+use crate::settings::to_python;
 use crate::{arrays, config};
 use fastslam_core::filter::MapEstimate;
 use fastslam_core::run::{Observer, RunOutput, StepRecord};
@@ -69,7 +70,7 @@ pub fn run<'py>(
     };
     let total = Timeline::new(&log, config.motion.timing(), config.filter.path_period_s).step_bound();
     let mut observer = Progress { start: Instant::now(), next_s: 0.0, total, callback: progress, failure: None };
-    let output = py.detach(|| fastslam_core::run::run(&config, &log, &mut observer)).map_err(config::to_python)?;
+    let output = py.detach(|| fastslam_core::run::run(&config, &log, &mut observer)).map_err(to_python)?;
     if let Some(error) = observer.failure.filter(|e| !e.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)) {
         return Err(error);
     }

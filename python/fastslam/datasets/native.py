@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from .._yaml import YamlError, parse_yaml
 from ..errors import DataError
 from ..log import (
     Controls,
@@ -25,7 +25,6 @@ from .csv_table import CsvTable, check_columns, read_csv
 from .options import LoadOptions
 from .planar import increments_between
 from .text import line_of_row, read_table, read_text
-from .yaml12 import read_yaml
 
 FILES = ("log.yaml", "odometry.csv", "sightings.csv")
 FORMAT_VERSION = 1
@@ -83,19 +82,16 @@ def _folder(path: Path) -> Path:
 
 def _read_settings(path: Path) -> dict[str, Any]:
     try:
-        settings = read_yaml(read_text(path))
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        reason = getattr(error, "problem", None) or "cannot be parsed"
-        line = None if mark is None else mark.line + 1
-        raise DataError(f"is not valid YAML ({reason})", path, line) from error
+        settings, line_of_key = parse_yaml(read_text(path))
+    except YamlError as error:
+        raise DataError(f"is not valid YAML ({error.message})", path, error.line) from None
     if not isinstance(settings, dict):
         raise DataError(f"got no settings, expected the keys {', '.join(KEYS)}", path)
     for key in settings:
         if key not in KEYS:
             near = difflib.get_close_matches(str(key), KEYS, n=1)
             hint = f", did you mean {near[0]}?" if near else f"; known: {', '.join(KEYS)}"
-            raise DataError(f"unknown key {key}{hint}", path)
+            raise DataError(f"unknown key {key}{hint}", path, line_of_key.get(str(key)))
     version = settings.get("format_version")
     if version != FORMAT_VERSION:
         raise DataError(f"format_version: got {version}, expected {FORMAT_VERSION}", path)

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from .._yaml import write_yaml
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
-from .yaml12 import write_yaml
 
 HEADERS = {
     "velocity": ("stamp_s", "speed_m_per_s", "yaw_rate_rad_per_s"),

@@ -1,0 +1,67 @@
+# Everything a newcomer needs: `make demo`, `make test`. `make help` lists the rest.
+# The environment lives in .venv; stamp files in it make a second call fast.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+# maturin refuses to choose between a virtual and a conda environment, so only ours is named.
+IN_VENV := env -u CONDA_PREFIX -u PYTHONPATH -u PYTHONHOME VIRTUAL_ENV="$(CURDIR)/$(VENV)"
+
+SOURCES := pyproject.toml Cargo.toml $(wildcard Cargo.lock) \
+           $(shell find crates -name '*.rs' -o -name Cargo.toml)
+CARGO_BENCHES := $(wildcard crates/*/benches/*.rs)
+PYTHON_BENCHES := $(wildcard benchmarks/bench_*.py)
+QUICK ?=
+
+.DELETE_ON_ERROR:
+.PHONY: help setup demo test test-rust test-python lint format bench clean
+
+help: ## list the targets
+	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(VENV)/.installed ## create .venv, build the Rust core (release) and install the package into it
+
+demo: setup ## simulate a world, run the filter, print the numbers and where the report lies
+	@$(BIN)/fastslam demo
+
+test: setup test-rust test-python ## run every test, Rust and Python
+
+test-rust:
+	cargo test -p fastslam-core -p fastslam-sim
+
+test-python: setup
+	$(IN_VENV) $(BIN)/python -m pytest -n 2
+
+lint: setup ## check formatting, lints and types in both languages
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
+	$(BIN)/python -m ruff check .
+	$(BIN)/python -m ruff format --check .
+	$(BIN)/python -m mypy
+
+format: setup ## format both languages in place
+	cargo fmt --all
+	$(BIN)/python -m ruff check --fix .
+	$(BIN)/python -m ruff format .
+
+bench: setup ## run the benchmarks (QUICK=1: a short pass over each)
+ifneq ($(CARGO_BENCHES),)
+	cargo bench -p fastslam-core --bench '*' -- $(if $(QUICK),--quick)
+endif
+	@set -e; for bench in $(PYTHON_BENCHES); do \
+	  echo "== $$bench"; $(BIN)/python $$bench $(if $(QUICK),--quick); done
+
+clean: ## remove .venv, caches and results; cargo's build folder too
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis results dist python/fastslam/_core*.so
+	cargo clean
+
+$(VENV)/.created:
+	@PYTHON="$(PYTHON)" scripts/check-tools.sh
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'maturin>=1.9,<2'
+	@touch $@
+
+$(VENV)/.installed: $(VENV)/.created $(SOURCES)
+	@PYTHON="$(BIN)/python" scripts/check-tools.sh
+	$(IN_VENV) $(BIN)/maturin develop --release --extras dev
+	@touch $@

@@ -1,0 +1,5 @@
+"""Lets `python -m fastslam` stand for `fastslam`."""
+
+from .cli import main
+
+main()

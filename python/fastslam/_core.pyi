@@ -1,0 +1,65 @@
+"""The compiled core. Call it through the typed functions of the package."""
+
+from collections.abc import Callable
+from typing import Any
+
+from .log import Floats, Ints
+
+__version__: str
+build_profile: str
+"""`release` or `debug`."""
+
+def config_schema() -> str:
+    """The JSON Schema of the configuration, with a description of every key."""
+
+def resolve_config(json: str) -> str:
+    """Fills in defaults and checks every value; a ValueError's message starts with the dotted key."""
+
+def control_columns(json: str) -> list[str]:
+    """Names of the values of a control of the configured motion model."""
+
+def simulation_schema() -> str:
+    """The JSON Schema of the settings of a simulation."""
+
+def resolve_simulation(json: str) -> str:
+    """As `resolve_config`, for the settings of a simulation."""
+
+def simulation_presets() -> list[tuple[str, str]]:
+    """Name and settings (JSON) of each ready-made simulation."""
+
+def simulation_with_landmarks(json: str, landmarks: int) -> str:
+    """The same simulation with about this many landmarks, at the same density."""
+
+def simulate(json: str) -> dict[str, Any]:
+    """Simulates a log; returns its columns by name. ValueError for settings that contradict each other."""
+
+def run(
+    config_json: str,
+    control_stamps_s: Floats,
+    controls: Floats,
+    sighting_stamps_s: Floats,
+    range_m: Floats,
+    bearing_rad: Floats,
+    identity: Ints,
+    noise: Floats | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Runs the filter over a log. ValueError for a bad log, RuntimeError when the filter cannot go on."""
+
+class Filter:
+    """The filter, one control and one scan at a time."""
+
+    def __new__(cls, config_json: str, identities: str) -> Filter: ...
+    def predict(self, control: list[float], dt_s: float) -> None: ...
+    def update(
+        self,
+        stamp_s: float,
+        range_m: Floats,
+        bearing_rad: Floats,
+        identity: Ints,
+        noise: Floats | None = None,
+    ) -> dict[str, Any]: ...
+    def pose(self) -> tuple[Floats, Floats]: ...
+    def particles(self) -> tuple[Floats, Floats]: ...
+    def map(self) -> dict[str, Any]: ...
+    def best_path(self) -> tuple[Floats, Floats]: ...

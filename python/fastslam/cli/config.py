@@ -1,0 +1,64 @@
+"""`fastslam config`: dump, validate and explain configurations."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ..config import Config, explain, load_config, parse_assignments
+from .console import stdout
+from .options import ConfigFile, Format, Robot, Settings
+from .output import keys_table
+
+app = typer.Typer(help="Print, check and explain configurations.")
+
+
+@app.command()
+def dump(
+    config: ConfigFile = None,
+    settings: Settings = None,
+    log: Annotated[Path | None, typer.Option(help="Start from this log's own settings.")] = None,
+    format: Format = None,
+    robot: Robot = None,
+) -> None:
+    """Print the effective configuration as YAML, every key under its description.
+
+    \b
+    Examples:
+      fastslam config dump > settings.yaml
+      fastslam config dump --log LOG --set filter.particles=500
+    """
+    layers: list[Any] = []
+    if log is not None:
+        from ..datasets import load
+
+        layers.append(load(log, format=format, robot=robot).config)
+    if config is not None:
+        layers.append(load_config(config))
+    layers.append(parse_assignments(settings or []))
+    typer.echo(Config.resolve(*layers).dump(), nl=False)
+
+
+@app.command()
+def validate(file: Annotated[Path, typer.Argument(help="YAML file to check.", metavar="FILE")]) -> None:
+    """Check a configuration file: exit code 0 when it is fine, 2 with the place and the reason when not."""
+    Config.resolve(load_config(file))
+    typer.echo(f"{file}: ok")
+
+
+@app.command("explain")
+def explain_keys(
+    key: Annotated[
+        str | None, typer.Argument(help="A key or a section; all keys when left out.", metavar="[KEY]")
+    ] = None,
+) -> None:
+    """Show type, default and meaning of every key, or of one key or section.
+
+    \b
+    Examples:
+      fastslam config explain
+      fastslam config explain filter.resampling
+    """
+    stdout().print(keys_table(explain(key)))

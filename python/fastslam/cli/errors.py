@@ -1,0 +1,56 @@
+"""Expected errors end a command with one line and an exit code; unexpected ones keep their traceback."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import typer
+from rich.markup import escape
+from typer.core import TyperGroup
+
+from ..errors import ConfigError, FastSlamError
+from .console import stderr
+
+RUN_FAILED = 1
+USAGE = 2
+INTERRUPTED = 130
+
+# typer names this base class of all usage errors (bad option, missing argument, ...) nowhere in public.
+_UsageError: type[Exception] = typer.BadParameter.__mro__[1]
+
+
+class OneLineErrors(TyperGroup):
+    """A command group that reports expected errors of all its commands in one line on stderr."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Parses the group's own options."""
+        with one_line_errors():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Parses and runs a command."""
+        with one_line_errors():
+            return super().invoke(ctx)
+
+
+@contextmanager
+def one_line_errors() -> Iterator[None]:
+    """Turns expected exceptions into `error: ...` on stderr and an exit code."""
+    try:
+        yield
+    except FastSlamError as error:
+        raise _reported(str(error), USAGE if isinstance(error, ConfigError) else RUN_FAILED) from None
+    except _UsageError as error:
+        message = getattr(error, "format_message", error.__str__)()
+        command = getattr(getattr(error, "ctx", None), "command_path", "fastslam")
+        raise _reported(f"{message.rstrip('.')} (see {command} --help)", USAGE) from None
+    except KeyboardInterrupt:
+        raise _reported("interrupted", INTERRUPTED) from None
+
+
+def _reported(message: str, code: int) -> typer.Exit:
+    line = " ".join(message.split())
+    stderr().print(f"[bold red]error:[/] {escape(line)}", soft_wrap=True, highlight=False)
+    return typer.Exit(code)

@@ -1,0 +1,74 @@
+"""`fastslam info`: what is in a log."""
+
+from __future__ import annotations
+
+from ..datasets.info import Extent, LogInfo, StreamInfo, describe
+from ..datasets.registry import load
+from ..evaluation.display import format_number
+from .console import make_table, stdout
+from .options import Format, LogPath, Robot
+
+Row = tuple[str, str, str]
+
+
+def info(path: LogPath, format: Format = None, robot: Robot = None) -> None:
+    """Say what is in a log: counts, rates, gaps, truth, and the problems found while reading.
+
+    \b
+    Examples:
+      fastslam info LOG
+      fastslam info MRCLAM_Dataset1 --robot 2
+    """
+    summary = describe(load(path, format=format, robot=robot))
+    console = stdout()
+    title = f"{summary.name} (format {summary.format}, motion model {summary.motion_model})"
+    console.print(make_table(title, ("quantity", ">value", "unit"), _rows(summary)))
+    if summary.sightings_per_landmark:
+        tally = sorted(summary.sightings_per_landmark.items(), key=lambda item: -item[1])
+        shown = ", ".join(f"{name}: {count:,}" for name, count in tally[:20])
+        more = f", and {len(tally) - 20} more" if len(tally) > 20 else ""
+        console.print(f"sightings per landmark: {shown}{more}", markup=False, highlight=False)
+    for problem in summary.problems:
+        console.print(f"problem: {problem.message} ({problem.count:,})", markup=False, highlight=False)
+    if not summary.problems:
+        console.print("no problems found")
+
+
+def _rows(summary: LogInfo) -> list[Row]:
+    rows: list[Row] = [("duration", format_number(summary.duration_s), "s")]
+    rows += _stream_rows("controls", summary.controls)
+    if summary.sightings is None:
+        rows.append(("sightings", "0", ""))
+    else:
+        rows += _stream_rows("sightings", summary.sightings)
+    rows += _extent_rows("sightings per stamp", summary.sightings_per_stamp, "")
+    rows += _extent_rows("range", summary.range_m, "m")
+    rows += _extent_rows("bearing", summary.bearing_rad, "rad")
+    rows.append(("sightings with identity", format_number(summary.identified), ""))
+    rows.append(("landmarks named", format_number(len(summary.sightings_per_landmark)), ""))
+    rows += [
+        (f"sightings of class {name}", format_number(count), "") for name, count in summary.classes.items()
+    ]
+    if summary.with_signature:
+        rows.append(("sightings with signature", format_number(summary.with_signature), ""))
+    heading = "" if summary.truth_heading_known or not summary.truth_poses else " (no heading)"
+    rows.append((f"true poses{heading}", format_number(summary.truth_poses), ""))
+    rows.append(("true landmarks", format_number(summary.truth_landmarks), ""))
+    rows.append(("position fixes", format_number(summary.position_fixes), ""))
+    return rows
+
+
+def _stream_rows(name: str, stream: StreamInfo) -> list[Row]:
+    return [
+        (name, format_number(stream.rows), ""),
+        (f"{name}: rate", format_number(stream.rate_hz), "Hz"),
+        (f"{name}: longest gap", format_number(stream.longest_gap_s), "s"),
+    ]
+
+
+def _extent_rows(name: str, extent: Extent | None, unit: str) -> list[Row]:
+    if extent is None:
+        return []
+    values = (extent.minimum, extent.median, extent.maximum)
+    shown = (format_number(int(value) if value.is_integer() else value) for value in values)
+    return [(f"{name}: min, median, max", ", ".join(shown), unit)]

@@ -1,0 +1,23 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, TypeAlias
+
+import typer
+
+LogPath: TypeAlias = Annotated[Path, typer.Argument(help="Log: a folder or a file.", metavar="PATH")]
+Format: TypeAlias = Annotated[
+    str | None,
+    typer.Option(help="Format of the log; guessed from its contents when left out.", metavar="FORMAT"),
+]
+Robot: TypeAlias = Annotated[int | None, typer.Option(help="Robot number in a log of several.", metavar="N")]
+ConfigFile: TypeAlias = Annotated[
+    Path | None, typer.Option("--config", help="YAML file of settings.", metavar="FILE")
+]
+Settings: TypeAlias = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="One setting; may be given again.", metavar="KEY=VALUE"),
+]
+Seed: TypeAlias = Annotated[int | None, typer.Option(help="Seed of all random numbers.", metavar="S")]

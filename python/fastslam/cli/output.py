@@ -1,0 +1,77 @@
+"""What runs leave behind: tables on the terminal, and the folder's note of which log was run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.table import Table
+
+from ..errors import DataError
+from ..evaluation import Metrics
+from ..evaluation.display import metric_rows, summary_rows
+from ..resultfiles import to_json, write_atomically
+from ..settings import KeyInfo
+from .console import make_table
+
+_LOG_FILE = "log.json"
+
+
+@dataclass(frozen=True)
+class LogReference:
+    """Which log a results folder is about, enough to read it again."""
+
+    path: Path
+    format: str
+    robot: int | None = None
+
+
+def write_log_reference(folder: Path, reference: LogReference) -> None:
+    """Notes the log beside the results; relative paths are made absolute."""
+    facts = {**asdict(reference), "path": str(reference.path.resolve())}
+    write_atomically(folder / _LOG_FILE, to_json(facts))
+
+
+def read_log_reference(folder: Path) -> LogReference:
+    """Errors: `DataError` when the folder does not say which log it is about."""
+    path = folder / _LOG_FILE
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+        return LogReference(Path(facts["path"]), str(facts["format"]), facts["robot"])
+    except FileNotFoundError:
+        raise DataError("does not say which log was run: name one with --truth", folder) from None
+    except (OSError, ValueError, KeyError, TypeError):
+        raise DataError("is no note of a log: name the log with --truth", path) from None
+
+
+def keys_table(keys: Sequence[KeyInfo]) -> Table:
+    """One row per configuration key: its default, what it may be and what it means."""
+    rows = [(info.name, json.dumps(info.default), _meaning(info)) for info in keys]
+    return make_table("", ("!key", "default", "meaning"), rows)
+
+
+def _meaning(info: KeyInfo) -> str:
+    only_for = f"Only for {info.only_for}. " if info.only_for else ""
+    return f"{info.type}. {only_for}{info.description}"
+
+
+def metrics_table(title: str, metrics: Metrics) -> Table:
+    """One row per metric, with its unit; counts of skips and repairs only where there were any."""
+    rows = [
+        (row.name, row.value, row.unit)
+        for row in metric_rows(metrics)
+        if not (row.name.startswith("counts.") and row.value == "0")
+    ]
+    return make_table(title, ("metric", ">value", "unit"), rows)
+
+
+def summary_table(title: str, runs: Sequence[Metrics]) -> Table:
+    """One row per metric: mean over the runs with the half width of its 95 % confidence interval."""
+    rows = [
+        (row.name, row.mean, row.ci95, row.median, row.min, row.max, row.unit, str(row.runs))
+        for row in summary_rows(runs)
+    ]
+    headings = ("metric", ">mean", ">± 95 %", ">median", ">min", ">max", "unit", ">runs")
+    return make_table(title, headings, rows)

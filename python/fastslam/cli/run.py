@@ -1,0 +1,132 @@
+"""`fastslam run`: from a log to a map, a path, numbers and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..config import Config, load_config, parse_assignments
+from ..datasets.registry import load
+from ..errors import DataError
+from ..evaluation import Metrics, evaluate
+from ..log import Log
+from ..outputs import write_outputs
+from ..result import RunResult
+from ..resultfiles import new_result_folder
+from ..runner import configure, run_many
+from .console import progress_bar, stderr, stdout
+from .errors import INTERRUPTED
+from .options import ConfigFile, Format, LogPath, Robot, Seed, Settings
+from .output import LogReference, metrics_table, summary_table, write_log_reference
+
+# Flags that stand for a configuration key; the schema checks their values as it checks those of --set.
+_KEY_OF_FLAG = {
+    "association": "association.mode",
+    "algorithm": "algorithm",
+    "particles": "filter.particles",
+    "store": "filter.store",
+    "threads": "filter.threads",
+    "seed": "seed",
+}
+
+Out = Annotated[
+    Path | None,
+    typer.Option(help="Folder for the results; results/<stamp> and the link results/latest by default."),
+]
+NoReport = Annotated[bool, typer.Option("--no-report", help="Write the numbers only, no pictures.")]
+
+
+def run_log(
+    path: LogPath,
+    format: Format = None,
+    robot: Robot = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    association: Annotated[
+        str | None, typer.Option(metavar="known|unknown", help="Trust identities?")
+    ] = None,
+    algorithm: Annotated[str | None, typer.Option(metavar="NAME", help="The filter: `algorithm`.")] = None,
+    particles: Annotated[int | None, typer.Option(metavar="M", help="Number of particles.")] = None,
+    store: Annotated[str | None, typer.Option(metavar="NAME", help="Kept maps: `filter.store`.")] = None,
+    threads: Annotated[
+        int | None, typer.Option(metavar="N", help="Threads; results do not depend on it.")
+    ] = None,
+    seed: Seed = None,
+    runs: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with seeds S, S+1, ...")] = 1,
+    out: Out = None,
+    no_report: NoReport = False,
+) -> None:
+    """Run the filter over a log and write map, path, numbers, pictures and a report.
+
+    Settings come from: defaults < the log's own < --config < --set and the flags below.
+
+    Ctrl-C stops the run: what was computed until then is written, and the exit code is 130.
+
+    \b
+    Examples:
+      fastslam run LOG
+      fastslam run MRCLAM_Dataset1 --robot 2 --particles 200
+      fastslam run LOG --association unknown --set sensor.range_std_m=0.2
+      fastslam run LOG --runs 10 --seed 1 --out results/ten-seeds
+    """
+    flags = {"association": association, "algorithm": algorithm, "particles": particles}
+    flags |= {"store": store, "threads": threads, "seed": seed}
+    given = [f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None]
+    layers = [
+        load_config(config) if config is not None else {},
+        parse_assignments([*(settings or []), *given]),
+    ]
+    log = load(path, format=format, robot=robot)
+    configuration = configure(log, *layers)
+    for problem in log.problems:
+        stderr().print(f"note: {problem.message} ({problem.count:,})", markup=False, soft_wrap=True)
+    folder = prepare_folder(out)
+    write_log_reference(folder, LogReference(path, log.format, robot))
+    run_and_report(log, configuration, folder, runs=runs, report=not no_report)
+
+
+def prepare_folder(out: Path | None) -> Path:
+    """Makes the folder before the run, so that a long run is not lost to a path that cannot be written."""
+    if out is None:
+        return new_result_folder("results")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f"cannot make a results folder: {error.strerror or error}", out) from None
+    return out
+
+
+def run_and_report(log: Log, config: Config, folder: Path, *, runs: int = 1, report: bool = True) -> None:
+    """Runs with `runs` seeds from the configured one on, writes all files, prints the table."""
+    seeds = range(config["seed"], config["seed"] + runs)
+    first: RunResult | None = None
+    others: list[Metrics] = []
+    interrupted = False
+    with progress_bar(log.name) as advance:
+        for result in run_many(log, config, seeds=seeds, progress=advance):
+            interrupted = result.interrupted
+            if first is None:
+                first = result
+                # Kept safe at once when further runs, which may fail, are to come.
+                metrics = write_outputs(result, log, folder, report=False)
+            elif not interrupted:
+                others.append(evaluate(result, log))
+    if first is None:
+        return
+    if report or others:
+        metrics = write_outputs(first, log, folder, report=report, other_runs=others)
+    console = stdout()
+    console.print(summary_table(log.name, [metrics, *others]) if others else metrics_table(log.name, metrics))
+    _announce(folder, report=report, interrupted=interrupted)
+
+
+def _announce(folder: Path, *, report: bool, interrupted: bool) -> None:
+    console = stdout()
+    console.print(f"results: {folder}", soft_wrap=True, highlight=False, markup=False)
+    if report:
+        console.print(f"report:  {folder / 'report.html'}", soft_wrap=True, highlight=False, markup=False)
+    if interrupted:
+        stderr().print("interrupted: the results end where the run was stopped")
+        raise typer.Exit(INTERRUPTED)

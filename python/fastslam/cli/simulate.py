@@ -1,0 +1,84 @@
+"""`fastslam simulate`: writes a native log with truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..datasets.native_write import write_native
+from ..resultfiles import write_atomically
+from ..simulation import SCHEMA, presets, resolve_simulation, simulate
+from .console import stdout
+from .options import ConfigFile, Seed, Settings
+from .output import keys_table
+
+SETTINGS_FILE = "simulation.yaml"
+
+# Flags that stand for a key of the simulation's settings; the schema checks their values.
+_KEY_OF_FLAG = {
+    "layout": "world.layout",
+    "path": "trajectory.kind",
+    "max_range": "sensor.max_range_m",
+    "seed": "seed",
+}
+
+
+def _explain(wanted: bool) -> None:
+    if wanted:
+        stdout().print(keys_table(SCHEMA.explain()))
+        raise typer.Exit
+
+
+def simulate_log(
+    out: Annotated[Path, typer.Argument(help="Folder for the log: new or empty.", metavar="OUT")],
+    preset: Annotated[
+        str | None, typer.Option(metavar="NAME", help=f"Ready-made simulation: {', '.join(presets())}.")
+    ] = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    layout: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Where the landmarks stand: `world.layout`.")
+    ] = None,
+    landmarks: Annotated[
+        int | None, typer.Option(metavar="K", help="About so many landmarks, at the same density.")
+    ] = None,
+    path: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Where the robot goes: `trajectory.kind`.")
+    ] = None,
+    max_range: Annotated[
+        float | None, typer.Option("--max-range-m", metavar="M", help="How far the sensor sees, in metres.")
+    ] = None,
+    seed: Seed = None,
+    explain: Annotated[
+        bool, typer.Option("--explain", callback=_explain, is_eager=True, help="List all settings.")
+    ] = False,
+) -> None:
+    """Simulate a drive and write it as a native log, with the true path and the true landmarks.
+
+    The complete settings are kept in `simulation.yaml` beside it: --config with that file makes the same log.
+
+    Settings come from: defaults < --preset < --config < --set and the flags below.
+
+    \b
+    Examples:
+      fastslam simulate my-log
+      fastslam simulate orchard --preset orchard --seed 3
+      fastslam simulate large --preset headline --landmarks 100000
+      fastslam simulate clutter --set scan.clutter_per_scan=2 --set scan.detection_probability=0.8
+      fastslam simulate square --path waypoints --set "trajectory.points_m=[[5, 5], [45, 5], [45, 35]]"
+    """
+    flags = {"layout": layout, "path": path, "max_range": max_range, "seed": seed}
+    given = (f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None)
+    complete = resolve_simulation(
+        SCHEMA.load(config) if config is not None else {},
+        SCHEMA.parse_assignments([*(settings or []), *given]),
+        preset=preset,
+        landmarks=landmarks,
+    )
+    log = simulate(complete, name=out.resolve().name)
+    write_native(log, out)
+    write_atomically(out / SETTINGS_FILE, complete.dump())
+    truth = 0 if log.truth_landmarks is None else len(log.truth_landmarks.names)
+    typer.echo(f"{out}: {len(log.sightings.stamp_s):,} sightings of {truth:,} landmarks")

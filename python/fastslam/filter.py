@@ -1,0 +1,145 @@
+"""The filter step by step, for live streams; `fastslam.run` takes a whole log at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _core
+from .config import Config
+from .errors import DataError, NumericalError
+from .log import Floats, Ints
+from .result import LandmarkMap, Trajectory
+from .settings import Layer
+
+Identity = str | int | None
+"""Name or number of a landmark; None where nobody says which one it is."""
+
+
+@dataclass(frozen=True)
+class StepInfo:
+    """What one update did; `skipped` counts sightings not finite, too near, too far or without identity."""
+
+    step: int
+    sightings: int
+    new_landmarks: int
+    ignored: int
+    skipped: int
+    effective_sample_size: float
+    resampled: bool
+    log_likelihood: float
+    landmarks: int
+
+
+class FastSlam:
+    """FastSLAM over a stream: `predict` for every control, `update` for every scan, state as arrays.
+
+    `config` is laid over the defaults. `identities` says whether all sightings of the stream will name their
+    landmark, some, or none; with `all` a sighting that does not is skipped and counted.
+
+    >>> robot = FastSlam({"filter": {"particles": 50}})
+    >>> robot.predict([1.0, 0.0], dt_s=0.1)
+    >>> info = robot.update(0.1, range_m=[2.0, 3.0], bearing_rad=[0.5, -0.4], identity=["oak", "elm"])
+    >>> info.new_landmarks, sorted(robot.landmarks.ids)
+    (2, ['elm', 'oak'])
+
+    Errors: `ConfigError` for the configuration.
+    """
+
+    def __init__(
+        self, config: Layer | None = None, *, identities: Literal["all", "some", "none"] = "some"
+    ) -> None:
+        self.config = Config.resolve(config or {})
+        self._filter = _core.Filter(self.config.to_json(), identities)
+        self._control_columns = _core.control_columns(self.config.to_json())
+        self._index_of: dict[str, int] = {}
+
+    def predict(self, control: ArrayLike, dt_s: float) -> None:
+        """Moves the robot: a control of the motion model (2 or 3 numbers) that acted for `dt_s`.
+
+        Errors: `DataError` for another number of values, or values that are not finite.
+        """
+        values = np.zeros(3)
+        given = np.atleast_1d(np.asarray(control, dtype=np.float64))
+        if given.shape != (len(self._control_columns),):
+            raise DataError(f"control: got shape {given.shape}, expected {', '.join(self._control_columns)}")
+        values[: len(given)] = given
+        with _core_errors():
+            self._filter.predict(values.tolist(), dt_s)
+
+    def update(
+        self,
+        stamp_s: float,
+        *,
+        range_m: ArrayLike,
+        bearing_rad: ArrayLike,
+        identity: Sequence[Identity] | None = None,
+    ) -> StepInfo:
+        """Corrects with the sightings of one scan, in the sensor's frame; none at all is a scan too.
+
+        Shapes: all (S,). Errors: `DataError` for columns of different lengths, `NumericalError` when the
+        filter cannot go on.
+        """
+        ranges = np.atleast_1d(np.asarray(range_m, dtype=np.float64))
+        bearings = np.atleast_1d(np.asarray(bearing_rad, dtype=np.float64))
+        with _core_errors():
+            return StepInfo(
+                **self._filter.update(stamp_s, ranges, bearings, self._indices(identity, len(ranges)))
+            )
+
+    @property
+    def pose(self) -> tuple[Floats, Floats]:
+        """Mean `T_world_robot` (3,) as x, y, heading and its covariance (3, 3), over all particles."""
+        return self._filter.pose()
+
+    @property
+    def particles(self) -> tuple[Floats, Floats]:
+        """Poses `T_world_robot` (M, 3) and normalised weights (M,)."""
+        return self._filter.particles()
+
+    @property
+    def landmarks(self) -> LandmarkMap:
+        """The map of the mixture; landmarks without an identity are named `L<birth number>`."""
+        return landmark_map(self._filter.map(), tuple(self._index_of))
+
+    @property
+    def path(self) -> Trajectory:
+        """The path of the best particle so far."""
+        return Trajectory(*self._filter.best_path())
+
+    def _indices(self, identity: Sequence[Identity] | None, count: int) -> Ints:
+        if identity is None:
+            return np.full(count, -1, dtype=np.int64)
+        names = [None if name is None else str(name) for name in identity]
+        return np.array(
+            [-1 if name is None else self._index_of.setdefault(name, len(self._index_of)) for name in names],
+            dtype=np.int64,
+        )
+
+
+def landmark_map(columns: dict[str, np.ndarray], identity_names: tuple[str, ...]) -> LandmarkMap:
+    """A map of the core, its identities replaced by their names."""
+    return LandmarkMap(
+        ids=tuple(
+            f"L{birth}" if identity < 0 else identity_names[identity]
+            for birth, identity in zip(columns["birth"], columns["identity"], strict=True)
+        ),
+        mean_m=columns["mean_m"],
+        covariance_m2=columns["covariance_m2"],
+        sightings=columns["sightings"],
+    )
+
+
+@contextmanager
+def _core_errors() -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise DataError(str(error)) from None
+    except RuntimeError as error:
+        raise NumericalError(str(error)) from None

@@ -1,0 +1,46 @@
+"""Everything that a run leaves in its folder: numbers, figures, report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from .evaluation import EvaluationOptions, Metrics, evaluate_run, summarize
+from .log import Log
+from .result import RunResult
+from .resultfiles import to_json, write_atomically, write_result
+
+RUNS_FILE = "runs.json"
+
+
+def write_outputs(
+    result: RunResult,
+    log: Log,
+    folder: Path | str,
+    *,
+    report: bool = True,
+    other_runs: Sequence[Metrics] = (),
+    options: EvaluationOptions | None = None,
+) -> Metrics:
+    """Writes result files and, with `report`, figures and `report.html`; returns the metrics.
+
+    `other_runs` are the metrics of further runs over the same log (other seeds): then `runs.json` holds those
+    of every run and their summary, and the report shows it. The numbers are written before the pictures, so
+    that nothing is lost should drawing fail. Errors: `DataError` where the folder cannot be written.
+    """
+    target = Path(folder)
+    evaluation = evaluate_run(result, log, options=options)
+    write_result(result, log, target, metrics=evaluation.metrics)
+    runs = [evaluation.metrics, *other_runs] if other_runs else []
+    if runs:
+        summary = {name: asdict(value) for name, value in summarize(runs).items()}
+        write_atomically(target / RUNS_FILE, to_json({"runs": runs, "summary": summary}))
+    if report:
+        # Matplotlib takes a second to load and is needed only here.
+        from .plots import write_figures
+        from .report import write_report
+
+        write_figures(result, log, target, evaluation=evaluation)
+        write_report(result, log, target, evaluation=evaluation, runs=runs)
+    return evaluation.metrics

@@ -1,0 +1,121 @@
+"""Runs the filter over a log."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from . import _core
+from .config import Config
+from .datasets.registry import load
+from .errors import ConfigError, DataError, NumericalError
+from .filter import landmark_map
+from .log import Log
+from .result import RunResult, Steps, Trajectory
+from .settings import Layer
+
+Progress: TypeAlias = Callable[[int, int], None]
+"""Called a few times a second with (steps done, steps in all)."""
+
+
+def configure(log: Log, *layers: Layer) -> Config:
+    """The effective configuration: `layers` over the log's own settings over the defaults.
+
+    Errors: `ConfigError`; for the log's own settings the message names the log.
+    """
+    try:
+        Config.resolve(log.config)
+    except ConfigError as error:
+        raise ConfigError(f"{log.source}: {error}") from None
+    return Config.resolve(log.config, *layers)
+
+
+def run(
+    source: Log | Path | str,
+    config: Layer | None = None,
+    *,
+    format: str | None = None,
+    robot: int | None = None,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Runs the filter over a log, given as such or as a path (`format` and `robot` as for `datasets.load`).
+
+    `config` is laid over the log's own settings and the defaults. A KeyboardInterrupt, Ctrl-C for one, stops
+    the run: what was computed until then is returned with `interrupted` set.
+
+    Errors: `DataError` for the log, `ConfigError` for the configuration, `NumericalError` when the filter
+    cannot go on.
+    """
+    log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
+    configuration = configure(log, config or {})
+    controls, sightings = log.controls, log.sightings
+    try:
+        columns = _core.run(
+            configuration.to_json(),
+            controls.stamp_s,
+            controls.values,
+            sightings.stamp_s,
+            sightings.range_m,
+            sightings.bearing_rad,
+            sightings.identity,
+            progress=progress,
+        )
+    except ValueError as error:
+        raise DataError(str(error), log.source) from None
+    except RuntimeError as error:
+        raise NumericalError(str(error)) from None
+    result = _result(columns, log, configuration)
+    if progress is not None and not result.interrupted:
+        # The core counts up to a bound, which gaps and empty scans keep it from reaching.
+        progress(len(result.steps.stamp_s), len(result.steps.stamp_s))
+    return result
+
+
+def run_many(
+    log: Log, config: Layer | None = None, *, seeds: Iterable[int], progress: Progress | None = None
+) -> Iterator[RunResult]:
+    """Runs the filter with each seed in turn, one result at a time in memory.
+
+    `progress` counts over all runs. After an interrupted run no further one is started.
+    """
+    seeds = tuple(seeds)
+    for number, seed in enumerate(seeds):
+
+        def advance(done: int, total: int, number: int = number) -> None:
+            if progress is not None:
+                progress(number * total + done, len(seeds) * total)
+
+        result = run(log, {**(config or {}), "seed": seed}, progress=advance)
+        yield result
+        if result.interrupted:
+            return
+
+
+def _result(columns: dict[str, Any], log: Log, config: Config) -> RunResult:
+    debug = " (debug build)" if _core.build_profile == "debug" else ""
+    return RunResult(
+        log_name=log.name,
+        config=dict(config),
+        version=_core.__version__ + debug,
+        trajectory=Trajectory(columns["stamp_s"], columns["T_world_robot"], columns["covariance"]),
+        smoothed=Trajectory(columns["smoothed_stamp_s"], columns["smoothed_T_world_robot"]),
+        landmarks=landmark_map(columns["map"], log.identity_names),
+        steps=Steps(**{field.name: columns[field.name] for field in fields(Steps)}),
+        filter_seconds=columns["filter_seconds"],
+        peak_memory_bytes=peak_memory_bytes(),
+        interrupted=columns["interrupted"],
+        counts=columns["skipped"],
+    )
+
+
+def peak_memory_bytes() -> int:
+    """Largest resident memory of this process so far, the Python interpreter included; 0 where unknown."""
+    if sys.platform == "win32":
+        return 0
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak

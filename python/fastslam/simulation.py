@@ -1,0 +1,82 @@
+"""Simulated logs with truth."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from typing import Any
+
+from . import _core
+from .errors import ConfigError
+from .log import Controls, Log, Sightings, TruthLandmarks, TruthTrajectory
+from .settings import Layer, Schema, Settings
+
+SCHEMA = Schema(_core.simulation_schema, _core.resolve_simulation, explained_by="fastslam simulate --explain")
+"""The settings of a simulation."""
+
+
+@cache
+def presets() -> dict[str, dict[str, Any]]:
+    """Complete settings of the ready-made simulations, by name."""
+    return {name: json.loads(text) for name, text in _core.simulation_presets()}
+
+
+def resolve_simulation(*layers: Layer, preset: str | None = None, landmarks: int | None = None) -> Settings:
+    """Lays `layers` over a preset or the defaults; `landmarks` then scales the world at the same density.
+
+    Errors: `ConfigError`, its message starting with the dotted key.
+    """
+    if preset is not None and preset not in presets():
+        raise ConfigError(f"preset: got {preset}, expected one of {', '.join(presets())}")
+    base: Layer = {} if preset is None else presets()[preset]
+    settings = SCHEMA.resolve(base, *layers)
+    if landmarks is None:
+        return settings
+    if landmarks < 1:
+        raise ConfigError(f"landmarks: got {landmarks}, expected at least 1")
+    try:
+        return SCHEMA.resolve(json.loads(_core.simulation_with_landmarks(settings.to_json(), landmarks)))
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+
+
+def simulate(settings: Layer, *, name: str = "simulated") -> Log:
+    """Simulates a log. The same settings, seed included, give the same log to the last bit.
+
+    Landmarks are named by their index. Errors: `ConfigError` for settings that are out of range or contradict
+    each other (a field too small for its landmarks).
+    """
+    complete = settings if isinstance(settings, Settings) else SCHEMA.resolve(settings)
+    try:
+        columns = _core.simulate(complete.to_json())
+    except ValueError as error:
+        raise ConfigError(str(error)) from None
+    names = tuple(str(index) for index in range(len(columns["landmark_position_m"])))
+    x_m, y_m, heading_rad = columns["T_world_robot"][0].tolist()
+    return Log(
+        name=name,
+        source="simulation",
+        format="native",
+        controls=Controls(columns["control_stamp_s"], columns["controls"]),
+        sightings=_sightings(columns),
+        identity_names=names,
+        class_names=tuple(columns["class_names"]),
+        truth_trajectory=TruthTrajectory(columns["truth_stamp_s"], columns["T_world_robot"]),
+        truth_landmarks=TruthLandmarks(names, columns["landmark_position_m"]),
+        config={
+            "motion": json.loads(columns["motion"]),
+            "sensor": json.loads(columns["sensor"]),
+            "initial_pose": {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad},
+        },
+    )
+
+
+def _sightings(columns: dict[str, Any]) -> Sightings:
+    return Sightings(
+        stamp_s=columns["sighting_stamp_s"],
+        range_m=columns["range_m"],
+        bearing_rad=columns["bearing_rad"],
+        identity=columns["identity"],
+        class_index=columns["class_index"],
+        signature=columns["signature"],
+    )

@@ -1,0 +1,123 @@
+"""`fastslam.run` and `run_many`: the Python side of a run over a log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import fastslam
+import numpy as np
+import pytest
+from fastslam.errors import ConfigError, DataError
+from fastslam.log import Sightings
+from fastslam.result import RunResult
+from fastslam.runner import configure, run, run_many
+from small_log import LANDMARKS_M, make_small_log
+
+FEW: dict[str, Any] = {"filter": {"particles": 20}}
+
+
+def test_result_is_complete_and_consistent() -> None:
+    log = make_small_log()
+    result = fastslam.run(log, FEW)
+    steps = len(result.steps.stamp_s)
+    # Sightings every half second for 30 s; the gaps are no longer than the path period.
+    assert steps >= 60
+    assert result.trajectory.T_world_robot.shape == (steps, 3)
+    assert result.trajectory.covariance is not None
+    assert result.trajectory.covariance.shape == (steps, 3, 3)
+    assert len(result.smoothed.stamp_s) == steps
+    assert sorted(result.landmarks.ids) == sorted(log.identity_names)
+    assert result.landmarks.covariance_m2.shape == (len(LANDMARKS_M), 2, 2)
+    assert result.landmarks.sightings.sum() == len(log.sightings.stamp_s)
+    assert result.config["filter"]["particles"] == 20
+    assert result.version.startswith(fastslam.__version__)
+    assert result.peak_memory_bytes > 10_000_000
+    assert not result.interrupted
+
+
+def test_map_is_close_to_truth_and_within_its_uncertainty() -> None:
+    log = make_small_log()
+    result = run(log, {"seed": 2})
+    truth = dict(zip(log.identity_names, LANDMARKS_M, strict=True))
+    error_m = result.landmarks.mean_m - np.array([truth[name] for name in result.landmarks.ids])
+    nees = [
+        error @ np.linalg.solve(covariance, error)
+        for error, covariance in zip(error_m, result.landmarks.covariance_m2, strict=True)
+    ]
+    assert np.linalg.norm(error_m, axis=1).max() < 0.3
+    # Particle filters are somewhat overconfident: three times the expectation of 2 is still credible.
+    assert np.mean(nees) < 6.0
+
+
+def test_same_seed_same_bits_and_another_seed_another_run() -> None:
+    log = make_small_log()
+    first, again, other = (run(log, {**FEW, "seed": seed}) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(first.trajectory.T_world_robot, again.trajectory.T_world_robot)
+    np.testing.assert_array_equal(first.landmarks.mean_m, again.landmarks.mean_m)
+    assert not np.array_equal(first.trajectory.T_world_robot, other.trajectory.T_world_robot)
+
+
+def test_progress_ends_at_the_total() -> None:
+    calls: list[tuple[int, int]] = []
+    result = run(make_small_log(), FEW, progress=lambda done, total: calls.append((done, total)))
+    steps = len(result.steps.stamp_s)
+    assert calls[-1] == (steps, steps)
+    assert all(0 < done <= total for done, total in calls)
+
+
+def interrupt(done: int, total: int) -> None:
+    raise KeyboardInterrupt
+
+
+def test_interrupt_returns_what_was_computed() -> None:
+    log = make_small_log()
+    result = run(log, FEW, progress=interrupt)
+    whole = run(log, FEW)
+    steps = len(result.steps.stamp_s)
+    assert result.interrupted
+    assert 0 < steps < len(whole.steps.stamp_s)
+    np.testing.assert_array_equal(result.trajectory.T_world_robot, whole.trajectory.T_world_robot[:steps])
+
+
+def test_other_exceptions_of_progress_are_raised() -> None:
+    def fail(done: int, total: int) -> None:
+        raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        run(make_small_log(), FEW, progress=fail)
+
+
+def test_run_many_counts_over_all_runs_and_stops_after_an_interrupt() -> None:
+    log = make_small_log()
+    calls: list[tuple[int, int]] = []
+    results = list(run_many(log, FEW, seeds=range(3), progress=lambda *call: calls.append(call)))
+    assert [result.config["seed"] for result in results] == [0, 1, 2]
+    assert calls[-1][0] == calls[-1][1] == 3 * len(results[0].steps.stamp_s)
+    stopped: list[RunResult] = list(run_many(log, FEW, seeds=range(3), progress=interrupt))
+    assert [result.interrupted for result in stopped] == [True]
+
+
+def test_log_without_sightings_gives_a_path_and_no_map() -> None:
+    log = make_small_log()
+    none = Sightings(*(getattr(log.sightings, name)[:0] for name in Sightings.__dataclass_fields__))
+    result = run(replace(log, sightings=none), FEW)
+    assert len(result.landmarks.ids) == 0
+    assert len(result.trajectory.stamp_s) > 10
+    assert np.isfinite(result.trajectory.T_world_robot).all()
+
+
+def test_unsorted_arrays_are_refused() -> None:
+    log = make_small_log()
+    controls = replace(log.controls, stamp_s=log.controls.stamp_s[::-1].copy())
+    with pytest.raises(DataError, match="made by a test: "):
+        run(replace(log, controls=controls), FEW)
+
+
+def test_bad_setting_of_the_log_names_the_log() -> None:
+    log = make_small_log()
+    bad = replace(log, config={**log.config, "sensor": {"range_std_m": -1.0}})
+    with pytest.raises(ConfigError, match=r"^made by a test: sensor\.range_std_m: "):
+        run(bad)
+    with pytest.raises(ConfigError, match=r"^sensor\.range_std_m: "):
+        configure(log, {"sensor": {"range_std_m": -1.0}})
