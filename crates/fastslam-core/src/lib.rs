@@ -21,3 +21,8 @@ pub mod store;
 pub mod testing;
 pub mod timeline;
 pub mod weights;
+
+/// The documentation's Rust blocks, which compile and run as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/add-a-measurement-model.md")]
+struct AddAMeasurementModel;
