@@ -206,6 +206,7 @@ struct Choice {
 ///
 /// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15: the likeliest landmark, or a new one when even that is less
 /// likely than the threshold. Densities include the pose's uncertainty (L in place of Q), which is zero in FastSLAM 1.0.
+#[allow(clippy::too_many_arguments)] // Called once, by the filter, with each of its parts.
 pub fn associate<M: MeasurementModel>(
     model: &M,
     T_robot_sensor: Pose,
