@@ -93,25 +93,24 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|").replace("<", "\\<")
 
 
+CONFIGURATION = """\
+Every key that a run can be given, as `--set section.key=value`, in a YAML file (`--config`), in the
+`log.yaml` of a native log (some sections) or as a dictionary in Python. Later ones win: defaults <
+the log's own < file < command line. An unknown key is an error. Units end the names: SI and
+radians. `fastslam config dump` prints a complete file, `fastslam config explain KEY` one entry."""
+
+SIMULATION = """\
+Every key of `fastslam simulate` (`--set`, `--config`) and of `fastslam.simulation.simulate`.
+`--preset` lays a ready-made simulation under them; `simulation.yaml` beside a simulated log holds
+the complete settings that made it."""
+
+
 def pages() -> dict[str, str]:
     """File name to text of every generated page."""
     return {
         "cli.md": cli_page(),
-        "configuration.md": settings_page(
-            "Configuration",
-            "Every key that a run can be given, as `--set section.key=value`, in a YAML file (`--config`), in the\n"
-            "`log.yaml` of a native log (some sections) or as a dictionary in Python. Later ones win: defaults <\n"
-            "the log's own < file < command line. An unknown key is an error. Units end the names: SI and\n"
-            "radians. `fastslam config dump` prints a complete file, `fastslam config explain KEY` one entry.",
-            config.explain(),
-        ),
-        "simulation.md": settings_page(
-            "Simulation settings",
-            "Every key of `fastslam simulate` (`--set`, `--config`) and of `fastslam.simulation.simulate`.\n"
-            "`--preset` lays a ready-made simulation under them; `simulation.yaml` beside a simulated log holds\n"
-            "the complete settings that made it.",
-            simulation.SCHEMA.explain(),
-        ),
+        "configuration.md": settings_page("Configuration", CONFIGURATION, config.explain()),
+        "simulation.md": settings_page("Simulation settings", SIMULATION, simulation.SCHEMA.explain()),
     }
 
 

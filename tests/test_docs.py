@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 import yaml
 from cli_runner import fastslam
-from fastslam.config import Config
 from doc_pages import PAGES, ROOT, Block, blocks, commands, links, name_of
+from fastslam.config import Config
 
-# Not run: `text` and `csv` show files and output, `rust` is compiled and run by the doctests of fastslam-core.
+# Not run: `text` and `csv` show files and output; the doctests of fastslam-core run `rust`.
 SHOWN = {"text", "csv", "rust"}
 RUN = {"python", "sh", "console", "yaml"}
 WITH_BLOCKS = [page for page in PAGES if any(block.language in RUN for block in blocks(page))]
@@ -42,8 +42,11 @@ def run_commands(block: Block, where: str) -> None:
             assert arguments and set(arguments) <= MAKE_TARGETS, f"{where}: {command.line}"
             continue
         assert program == "fastslam", f"{where}: {command.line}: no way to test this"
-        outcome = fastslam(*arguments)
+        target = arguments.pop() if ">" in arguments else None
+        outcome = fastslam(*(argument for argument in arguments if argument != ">"))
         assert outcome.exit_code == 0, f"{where}: {command.line}: {outcome.stderr}"
+        if target is not None:
+            Path(target).write_text(outcome.stdout)
         flags = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
         shown = not command.output or checker.check_output(command.output, outcome.stdout, flags)
         assert shown, f"{where}: {command.line} printed\n{outcome.stdout}"

@@ -35,7 +35,8 @@ def main() -> None:
     with house_style():
         figure = new_figure(7.0, 5.8)
         axis = figure.add_subplot()
-        axis.plot(*dead_reckoning(log.controls).T, color=GREY, linewidth=1.2, label="odometry alone", zorder=1)
+        alone_m = dead_reckoning(log.controls)
+        axis.plot(*alone_m.T, color=GREY, linewidth=1.2, label="odometry alone", zorder=1)
         plot_map(axis, result, log)
         axis.set_title("Two laps among 100 unlabelled landmarks")
     (Path(__file__).parent / "map.png").write_bytes(render(figure, "png"))
