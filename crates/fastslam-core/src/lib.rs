@@ -5,6 +5,7 @@
 
 pub mod association;
 pub mod config;
+pub mod detect;
 pub mod error;
 pub mod filter;
 pub mod geometry;
@@ -20,6 +21,7 @@ pub mod run;
 pub mod store;
 pub mod testing;
 pub mod timeline;
+pub mod vector;
 pub mod weights;
 
 /// The documentation's Rust blocks, which compile and run as tests.

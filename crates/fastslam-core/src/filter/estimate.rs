@@ -4,6 +4,7 @@ use super::{mixture, FastSlam};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
+use crate::vector::vectorized;
 
 /// A landmark of the estimated map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,8 +37,22 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// The pose with the motion since the last sampling.
     pub(super) fn estimate_beliefs(&mut self) {
-        let beliefs = self.beliefs();
-        self.estimate = mixture(&self.weights.values, |i| (beliefs[i].mean, beliefs[i].covariance));
+        self.believe();
+        self.estimate_from_beliefs();
+    }
+
+    /// The pose as the beliefs have it.
+    pub(super) fn estimate_from_beliefs(&mut self) {
+        let (beliefs, weights) = (&self.beliefs, &self.weights.values);
+        self.estimate = vectorized(
+            #[inline(always)]
+            || {
+                mixture(weights, |i| {
+                    let belief = beliefs.get(i);
+                    (belief.mean, belief.covariance)
+                })
+            },
+        );
     }
 
     /// Weights are equal after resampling.

@@ -17,8 +17,10 @@ pub use velocity::Velocity;
 
 use crate::error::{Error, Result};
 use crate::geometry::{multiply3, transform3, Matrix3, Pose};
+use crate::math;
 use crate::random::Stream;
 use crate::real::{Dual, Real};
+use crate::vector::vectorized;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -167,18 +169,26 @@ pub struct PoseColumns<'a> {
 
 fn sample<M: MotionModel>(model: &M, control: ConditionedControl, stream: Stream, poses: PoseColumns<'_>) {
     let PoseColumns { first_particle, x, y, heading } = poses;
-    for (i, ((x, y), heading)) in x.iter_mut().zip(y.iter_mut()).zip(heading.iter_mut()).enumerate() {
-        let particle = first_particle + i as u32;
-        let [a, b] = stream.normal_pair(particle, 0);
-        let c = if control.std[2] > 0.0 { stream.normal_pair(particle, 1)[0] } else { 0.0 };
-        let noisy = [
-            control.mean[0] + control.std[0] * a,
-            control.mean[1] + control.std[1] * b,
-            control.mean[2] + control.std[2] * c,
-        ];
-        let moved = Pose::new(*x, *y, *heading).compose(model.relative_motion(noisy, control.dt_s));
-        (*x, *y, *heading) = (moved.x, moved.y, moved.heading);
-    }
+    let n = x.len();
+    let (y, heading) = (&mut y[..n], &mut heading[..n]);
+    let third = control.std[2] > 0.0;
+    vectorized(
+        #[inline(always)]
+        || {
+            for i in 0..n {
+                let particle = first_particle + i as u32;
+                let [a, b] = stream.normal_pair(particle, 0);
+                let c = if third { stream.normal_pair(particle, 1)[0] } else { 0.0 };
+                let noisy = [
+                    control.mean[0] + control.std[0] * a,
+                    control.mean[1] + control.std[1] * b,
+                    control.mean[2] + control.std[2] * c,
+                ];
+                let moved = Pose::new(x[i], y[i], heading[i]).compose(model.relative_motion(noisy, control.dt_s));
+                (x[i], y[i], heading[i]) = (moved.x, moved.y, moved.heading);
+            }
+        },
+    );
 }
 
 fn extend<M: MotionModel>(model: &M, motion: &MotionGaussian, control: ConditionedControl) -> MotionGaussian {
@@ -207,15 +217,16 @@ fn symmetrized(m: &Matrix3) -> Matrix3 {
 
 impl MotionGaussian {
     /// Covariance of the pose reached from a start with this heading, in the world's axes.
+    #[inline(always)]
     pub fn covariance_in_world(&self, heading: f64) -> Matrix3 {
-        let (s, c) = heading.sin_cos();
+        let (s, c) = math::sin_cos(heading);
         let rotation = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]];
         transform3(&rotation, &self.covariance)
     }
 
     /// This motion followed by another.
     pub fn then(&self, next: &MotionGaussian) -> MotionGaussian {
-        let (s, c) = self.mean.heading.sin_cos();
+        let (s, c) = math::sin_cos(self.mean.heading);
         let step = next.mean;
         let by_start = [[1.0, 0.0, -s * step.x - c * step.y], [0.0, 1.0, c * step.x - s * step.y], [0.0, 0.0, 1.0]];
         let rotation = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]];
