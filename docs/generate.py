@@ -1,7 +1,7 @@
 """Writes the reference pages that come from the code: `python docs/generate.py` (or `make docs`).
 
 - `cli.md` from the command line itself;
-- `configuration.md` and `simulation.md` from the schemas of the core.
+- `configuration.md`, `simulation.md` and `detectors.md` from the schemas of the core.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import typer
-from fastslam import config, simulation
+from fastslam import config, detection, simulation
 from fastslam.cli import app
 from fastslam.settings import KeyInfo
 
@@ -104,6 +104,10 @@ Every key of `fastslam simulate` (`--set`, `--config`) and of `fastslam.simulati
 `--preset` lays a ready-made simulation under them; `simulation.yaml` beside a simulated log holds
 the complete settings that made it."""
 
+DETECTORS = """\
+Every key of the detectors that find landmarks in laser scans: `fastslam.detection.detect(log, settings)`,
+or `detector_json` in the `scans.npz` of a native log."""
+
 
 def pages() -> dict[str, str]:
     """File name to text of every generated page."""
@@ -111,6 +115,7 @@ def pages() -> dict[str, str]:
         "cli.md": cli_page(),
         "configuration.md": settings_page("Configuration", CONFIGURATION, config.explain()),
         "simulation.md": settings_page("Simulation settings", SIMULATION, simulation.SCHEMA.explain()),
+        "detectors.md": settings_page("Detector settings", DETECTORS, detection.SCHEMA.explain()),
     }
 
 
