@@ -106,10 +106,12 @@ struct View {
 #[inline(always)]
 pub(crate) fn by_robot_pose(by_sensor: [[f64; 3]; 2], T_world_robot: Pose, T_world_sensor: Pose) -> [[f64; 3]; 2] {
     let (ax, ay) = (T_world_sensor.x - T_world_robot.x, T_world_sensor.y - T_world_robot.y);
-    by_sensor.map(|[x, y, heading]| [x, y, heading - ay * x + ax * y])
+    let [[x0, y0, h0], [x1, y1, h1]] = by_sensor;
+    [[x0, y0, h0 - ay * x0 + ax * y0], [x1, y1, h1 - ay * x1 + ax * y1]]
 }
 
 impl Belief {
+    #[inline(always)]
     fn view<M: MeasurementModel>(&self, model: &M, sensor: Pose, landmark: &Gaussian, measured: &Measured) -> View {
         let linear = model.linearize(sensor, landmark.mean);
         View {
@@ -124,18 +126,18 @@ impl Belief {
     /// P G_sᵀ, one row per component of the pose.
     #[inline(always)]
     fn cross(&self, by_pose: &[[f64; 3]; 2]) -> [[f64; 2]; 3] {
-        std::array::from_fn(|i| {
-            std::array::from_fn(|j| (0..3).map(|k| self.covariance[i][k] * by_pose[j][k]).sum::<f64>())
-        })
+        let [row0, row1, row2] = &self.covariance;
+        let [g0, g1] = by_pose;
+        [[dot3(row0, g0), dot3(row0, g1)], [dot3(row1, g0), dot3(row1, g1)], [dot3(row2, g0), dot3(row2, g1)]]
     }
 
     /// L = G_s P G_sᵀ + Q.
     #[inline(always)]
     fn total_covariance(cross: &[[f64; 2]; 3], view: &View) -> Symmetric2 {
-        let dot = |row: usize, component: usize| -> f64 {
-            (0..3).map(|k| view.by_pose[row][k] * cross[k][component]).sum::<f64>()
-        };
-        Symmetric2::new(dot(0, 0) + view.q.xx, dot(0, 1) + view.q.xy, dot(1, 1) + view.q.yy)
+        let [g0, g1] = &view.by_pose;
+        let [[a0, b0], [a1, b1], [a2, b2]] = *cross;
+        let (first, second) = ([a0, a1, a2], [b0, b1, b2]);
+        Symmetric2::new(dot3(g0, &first) + view.q.xx, dot3(g0, &second) + view.q.xy, dot3(g1, &second) + view.q.yy)
     }
 
     /// How likely the sighting is under this belief, with the pose's uncertainty.
@@ -156,15 +158,19 @@ impl Belief {
         let more = view.noise.scaled(view.tail.noise_scale(fitted.mahalanobis_squared) - 1.0);
         let l = Symmetric2::new(plain.xx + more.xx, plain.xy + more.xy, plain.yy + more.yy);
         let inverse = 1.0 / l.determinant();
-        let gain = cross.map(|[a, b]| [(a * l.yy - b * l.xy) * inverse, (b * l.xx - a * l.xy) * inverse]);
-        let step: [f64; 3] = std::array::from_fn(|i| gain[i][0] * view.innovation[0] + gain[i][1] * view.innovation[1]);
-        let covariance = std::array::from_fn(|i| {
-            std::array::from_fn(|j| self.covariance[i][j] - 0.5 * (dot2(gain[i], cross[j]) + dot2(gain[j], cross[i])))
-        });
+        let [c0, c1, c2] = cross;
+        let row = |[a, b]: [f64; 2]| [(a * l.yy - b * l.xy) * inverse, (b * l.xx - a * l.xy) * inverse];
+        let (k0, k1, k2) = (row(c0), row(c1), row(c2));
+        // K Lᵀ Kᵀ is K crossᵀ; the mean of both halves keeps it symmetric to the bit.
+        let less = |a: [f64; 2], b: [f64; 2], ca: [f64; 2], cb: [f64; 2]| 0.5 * (dot2(a, cb) + dot2(b, ca));
+        let [[xx, xy, xh], [_, yy, yh], [_, _, hh]] = self.covariance;
+        let (xx, xy, xh) = (xx - dot2(k0, c0), xy - less(k0, k1, c0, c1), xh - less(k0, k2, c0, c2));
+        let (yy, yh, hh) = (yy - dot2(k1, c1), yh - less(k1, k2, c1, c2), hh - dot2(k2, c2));
+        let covariance = [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]];
         let mean = Pose::new(
-            self.mean.x + step[0],
-            self.mean.y + step[1],
-            crate::math::wrap_angle(self.mean.heading + step[2]),
+            self.mean.x + dot2(k0, view.innovation),
+            self.mean.y + dot2(k1, view.innovation),
+            crate::math::wrap_angle(self.mean.heading + dot2(k2, view.innovation)),
         );
         (Self { mean, covariance }, fitted)
     }
@@ -183,6 +189,11 @@ impl Belief {
         *self = refined;
         fit
     }
+}
+
+#[inline(always)]
+fn dot3(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[inline(always)]

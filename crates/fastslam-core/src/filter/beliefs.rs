@@ -1,5 +1,6 @@
 //! What all particles believe about the robot's pose while they look at a scan, as columns.
 
+use super::particles::{mixture, PoseEstimate};
 use crate::association::Belief;
 use crate::geometry::Pose;
 use crate::geometry::Symmetric2;
@@ -29,12 +30,17 @@ impl Beliefs {
     /// The belief of one particle.
     #[inline(always)]
     pub fn get(&self, i: usize) -> Belief {
-        belief(&self.columns.each_ref().map(Vec::as_slice), i)
+        let [x, y, heading, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(|c| c[i]);
+        Belief { mean: Pose::new(x, y, heading), covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
     }
 
     /// Changes the belief of one particle.
     pub fn set(&mut self, i: usize, belief: &Belief) {
-        put(&mut self.columns.each_mut().map(Vec::as_mut_slice), i, belief);
+        let [[xx, xy, xh], [_, yy, yh], [_, _, hh]] = belief.covariance;
+        let numbers = [belief.mean.x, belief.mean.y, belief.mean.heading, xx, xy, xh, yy, yh, hh];
+        for (column, number) in self.columns.iter_mut().zip(numbers) {
+            column[i] = number;
+        }
     }
 
     /// Poses that are known: samples, as in FastSLAM 1.0.
@@ -55,14 +61,19 @@ impl Beliefs {
         for column in &mut self.columns {
             column.resize(n, 0.0);
         }
-        let mut out = self.columns.each_mut().map(Vec::as_mut_slice);
         let (y, heading) = (&y[..n], &heading[..n]);
+        let [ox, oy, oh, xx, xy, xh, yy, yh, hh] = self.columns.each_mut().map(Vec::as_mut_slice);
+        let (ox, oy, oh) = (&mut ox[..n], &mut oy[..n], &mut oh[..n]);
+        let (xx, xy, xh) = (&mut xx[..n], &mut xy[..n], &mut xh[..n]);
+        let (yy, yh, hh) = (&mut yy[..n], &mut yh[..n], &mut hh[..n]);
         vectorized(
             #[inline(always)]
             || {
                 for i in 0..n {
                     let mean = Pose::new(x[i], y[i], heading[i]).compose(motion.mean);
-                    put(&mut out, i, &Belief { mean, covariance: motion.covariance_in_world(heading[i]) });
+                    (ox[i], oy[i], oh[i]) = (mean.x, mean.y, mean.heading);
+                    let [[a, b, c], [_, d, e], [_, _, f]] = motion.covariance_in_world(heading[i]);
+                    (xx[i], xy[i], xh[i], yy[i], yh[i], hh[i]) = (a, b, c, d, e, f);
                 }
             },
         );
@@ -79,21 +90,39 @@ impl Beliefs {
         log_likelihood: &mut [f64],
     ) {
         let n = log_likelihood.len();
-        let mut mine = self.columns.each_mut().map(|c| &mut c[..n]);
         let row = |c: usize| &rows.column(c)[..n];
         let (count, x, y) = (row(column::SIGHTINGS), row(column::MEAN_X), row(column::MEAN_Y));
-        let (xx, xy, yy) = (row(column::COV_XX), row(column::COV_XY), row(column::COV_YY));
+        let (cov_xx, cov_xy, cov_yy) = (row(column::COV_XX), row(column::COV_XY), row(column::COV_YY));
+        let [px, py, ph, xx, xy, xh, yy, yh, hh] = self.columns.each_mut().map(Vec::as_mut_slice);
+        let (px, py, ph) = (&mut px[..n], &mut py[..n], &mut ph[..n]);
+        let (xx, xy, xh) = (&mut xx[..n], &mut xy[..n], &mut xh[..n]);
+        let (yy, yh, hh) = (&mut yy[..n], &mut yh[..n], &mut hh[..n]);
         vectorized(
             #[inline(always)]
             || {
                 for i in 0..n {
-                    let before = belief(&mine.each_ref().map(|c| &**c), i);
-                    let landmark = Gaussian { mean: [x[i], y[i]], covariance: Symmetric2::new(xx[i], xy[i], yy[i]) };
+                    let before = Belief {
+                        mean: Pose::new(px[i], py[i], ph[i]),
+                        covariance: [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]],
+                    };
+                    let landmark =
+                        Gaussian { mean: [x[i], y[i]], covariance: Symmetric2::new(cov_xx[i], cov_xy[i], cov_yy[i]) };
                     let mut after = before;
                     let fit = after.refine(model, T_robot_sensor, &landmark, measured);
+                    // Selections in place of branches: the loop must stay a straight line to become vector code.
                     let present = count[i] != 0.0;
-                    log_likelihood[i] += if present { fit.log_likelihood } else { 0.0 };
-                    put_if(present, &mut mine, i, &after, &before);
+                    let pick = |new: f64, old: f64| if present { new } else { old };
+                    let [[a, b, c], [_, d, e], [_, _, f]] = after.covariance;
+                    log_likelihood[i] += pick(fit.log_likelihood, 0.0);
+                    px[i] = pick(after.mean.x, px[i]);
+                    py[i] = pick(after.mean.y, py[i]);
+                    ph[i] = pick(after.mean.heading, ph[i]);
+                    xx[i] = pick(a, xx[i]);
+                    xy[i] = pick(b, xy[i]);
+                    xh[i] = pick(c, xh[i]);
+                    yy[i] = pick(d, yy[i]);
+                    yh[i] = pick(e, yh[i]);
+                    hh[i] = pick(f, hh[i]);
                 }
             },
         );
@@ -102,19 +131,42 @@ impl Beliefs {
     /// Draws a pose from every particle's belief; the covariance may be singular.
     pub fn sample(&self, stream: Stream, x: &mut [f64], y: &mut [f64], heading: &mut [f64]) {
         let n = x.len();
-        let mine = self.columns.each_ref().map(|c| &c[..n]);
         let (y, heading) = (&mut y[..n], &mut heading[..n]);
+        let [px, py, ph, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(Vec::as_slice);
+        let (px, py, ph) = (&px[..n], &py[..n], &ph[..n]);
+        let (xx, xy, xh, yy, yh, hh) = (&xx[..n], &xy[..n], &xh[..n], &yy[..n], &yh[..n], &hh[..n]);
         vectorized(
             #[inline(always)]
             || {
                 for i in 0..n {
                     let [a, b] = stream.normal_pair(i as u32, 0);
                     let [c, _] = stream.normal_pair(i as u32, 1);
-                    let pose = draw(&belief(&mine, i), [a, b, c]);
+                    let belief = Belief {
+                        mean: Pose::new(px[i], py[i], ph[i]),
+                        covariance: [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]],
+                    };
+                    let pose = draw(&belief, [a, b, c]);
                     (x[i], y[i], heading[i]) = (pose.x, pose.y, pose.heading);
                 }
             },
         );
+    }
+
+    /// Mean and covariance of the mixture with these weights.
+    pub fn mixture(&self, weights: &[f64]) -> PoseEstimate {
+        let n = weights.len();
+        let [px, py, ph, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(Vec::as_slice);
+        let (px, py, ph) = (&px[..n], &py[..n], &ph[..n]);
+        let (xx, xy, xh, yy, yh, hh) = (&xx[..n], &xy[..n], &xh[..n], &yy[..n], &yh[..n], &hh[..n]);
+        vectorized(
+            #[inline(always)]
+            || {
+                mixture(weights, |i| {
+                    let covariance = [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]];
+                    (Pose::new(px[i], py[i], ph[i]), covariance)
+                })
+            },
+        )
     }
 
     /// Particle i takes over the belief of the former particle `ancestor_indices[i]`.
@@ -122,33 +174,6 @@ impl Beliefs {
         for column in &mut self.columns {
             *column = ancestor_indices.iter().map(|&a| column[a as usize]).collect();
         }
-    }
-}
-
-#[inline(always)]
-fn belief(columns: &[&[f64]; COLUMNS], i: usize) -> Belief {
-    let [x, y, heading, xx, xy, xh, yy, yh, hh] = columns.map(|c| c[i]);
-    Belief { mean: Pose::new(x, y, heading), covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
-}
-
-#[inline(always)]
-fn numbers(b: &Belief) -> [f64; COLUMNS] {
-    let [[xx, xy, xh], [_, yy, yh], [_, _, hh]] = b.covariance;
-    [b.mean.x, b.mean.y, b.mean.heading, xx, xy, xh, yy, yh, hh]
-}
-
-#[inline(always)]
-fn put(columns: &mut [&mut [f64]; COLUMNS], i: usize, b: &Belief) {
-    for (column, value) in columns.iter_mut().zip(numbers(b)) {
-        column[i] = value;
-    }
-}
-
-#[inline(always)]
-fn put_if(choice: bool, columns: &mut [&mut [f64]; COLUMNS], i: usize, b: &Belief, otherwise: &Belief) {
-    let (yes, no) = (numbers(b), numbers(otherwise));
-    for (c, column) in columns.iter_mut().enumerate() {
-        column[i] = if choice { yes[c] } else { no[c] };
     }
 }
 

@@ -220,8 +220,14 @@ impl MotionGaussian {
     #[inline(always)]
     pub fn covariance_in_world(&self, heading: f64) -> Matrix3 {
         let (s, c) = math::sin_cos(heading);
-        let rotation = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]];
-        transform3(&rotation, &self.covariance)
+        let [[xx, xy, xh], [_, yy, yh], [_, _, hh]] = self.covariance;
+        let (cross, twice) = (s * c * (xx - yy) + (c * c - s * s) * xy, 2.0 * s * c * xy);
+        let (along, across) = (c * xh - s * yh, s * xh + c * yh);
+        [
+            [c * c * xx - twice + s * s * yy, cross, along],
+            [cross, s * s * xx + twice + c * c * yy, across],
+            [along, across, hh],
+        ]
     }
 
     /// This motion followed by another.
@@ -298,6 +304,21 @@ mod tests {
                 // The sample variance of a Gaussian has relative standard error sqrt(2/n) = 0.7 %; 5 of them.
                 let ratio = variance / gaussian.covariance[i][i];
                 assert!((ratio - 1.0).abs() < 0.04, "{motion:?} variance {i}: ratio {ratio}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_covariance_turns_with_the_heading() {
+        let motion = MotionGaussian {
+            mean: Pose::default(),
+            covariance: [[0.3, 0.05, 0.02], [0.05, 0.2, -0.01], [0.02, -0.01, 0.1]],
+        };
+        let (s, c) = libm::sincos(0.7);
+        let expected = transform3(&[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], &motion.covariance);
+        for (row, want) in motion.covariance_in_world(0.7).iter().zip(expected) {
+            for (got, want) in row.iter().zip(want) {
+                assert!((got - want).abs() < 1e-15);
             }
         }
     }
