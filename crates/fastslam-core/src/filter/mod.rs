@@ -2,6 +2,7 @@
 
 mod beliefs;
 mod estimate;
+mod existence;
 mod identified;
 mod landmarks;
 mod particles;
@@ -54,6 +55,8 @@ pub struct StepInfo {
     pub sightings: u32,
     /// Landmarks that were created (by at least one particle).
     pub new_landmarks: u32,
+    /// Landmarks that the best particle removed from its map.
+    pub removed: u32,
     /// Sightings that the best particle took for neither a known nor a new landmark.
     pub ignored: u32,
     /// Sightings skipped: not finite, or outside the sensor's limits.

@@ -30,9 +30,13 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.particles.score[i] += increment;
         }
         self.weigh_resample_sample(&mut decisions, info)?;
+        let first_birth = self.landmarks.births();
         for (j, sighting) in scan.iter().enumerate() {
             let decided: Vec<Decision> = decisions.iter().skip(j).step_by(scan.len()).copied().collect();
             self.correct_decided(sighting, &decided, &table, info);
+        }
+        if self.removes_landmarks() && !scan.is_empty() {
+            self.judge_existence(&decisions, &table, first_birth, info);
         }
         Ok(())
     }
@@ -182,7 +186,8 @@ impl<M: MeasurementModel> FastSlam<M> {
                 let n = new.len();
                 (0..n).filter(|i| new[*i]).for_each(|i| self.scratch[column::IDENTITY * n + i] = mark);
             }
-            self.landmarks.insert(sighting.identity, &self.scratch);
+            let log_odds = self.config.association.existence.initial_log_odds;
+            self.landmarks.insert(sighting.identity, &self.scratch, log_odds);
             new.iter().zip(&mut self.particles.landmarks).for_each(|(new, count)| *count += u32::from(*new));
             info.new_landmarks += 1;
         }
