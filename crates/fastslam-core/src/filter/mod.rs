@@ -73,7 +73,7 @@ pub struct StepInfo {
 /// Sightings that could not be used, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skipped {
-    /// Range or bearing is NaN or infinite.
+    /// Range or bearing is NaN or infinite, or the bearing too large for an angle.
     pub not_finite: u32,
     /// Nearer than the sensor's minimum.
     pub too_near: u32,
@@ -147,7 +147,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let rules = rules(&config, &model);
         let start = config.initial_pose.T_world_robot();
         let particles = config.filter.particles as usize;
-        let gate_radius = gate_radius(&rules, &model);
+        let gate_radius = gate_radius(&rules, &model, tail(&config));
         let noise = model.noise_covariance();
         let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
         Ok(Self {
@@ -261,7 +261,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         for s in sightings {
             let identity = if self.identities == Identities::None { None } else { s.identity };
             let range = self.model.range(s.value);
-            if !s.value.iter().all(|v| v.is_finite()) {
+            if !self.model.is_usable(s.value) {
                 skipped.not_finite += 1;
             } else if range < sensor.min_range_m {
                 skipped.too_near += 1;
@@ -271,8 +271,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 skipped.without_identity += 1;
             } else {
                 let noise = s.noise.filter(|n| n.is_positive_definite()).unwrap_or(self.model.noise_covariance());
-                let tail = Tail::from_degrees_of_freedom(sensor.tail_degrees_of_freedom);
-                let measured = Measured { value: s.value, noise, tail };
+                let measured = Measured { value: s.value, noise, tail: tail(&self.config) };
                 usable.push(scan::ScanSighting { measured, identity });
             }
         }
@@ -292,8 +291,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         let count = self.particles.len();
         info.effective_sample_size = self.weights.effective_sample_size;
         let settings = &self.config.filter.resampling;
-        let wanted = settings.threshold >= 1.0 && info.sightings > 0;
-        if !wanted && self.weights.effective_sample_size >= settings.threshold * count as f64 {
+        // Without sightings the weights are what they were, but for rounding.
+        let low = settings.threshold >= 1.0 || info.effective_sample_size < settings.threshold * count as f64;
+        if info.sightings == 0 || !low {
             return false;
         }
         let stream = self.random.stream(Purpose::Resampling, self.samplings);
@@ -342,7 +342,10 @@ fn rules<M: MeasurementModel>(config: &Config, model: &M) -> Rules {
     let twice = model.noise_covariance();
     let twice = Symmetric2::new(2.0 * twice.xx, 2.0 * twice.xy, 2.0 * twice.yy);
     let log_new_density = association.new_landmark_density.map_or_else(
-        || -0.5 * (gate(association.new_landmark_gate_probability) + math::ln(twice.determinant())) - LN_TAU,
+        || {
+            let outer = gate(association.new_landmark_gate_probability);
+            -0.5 * (outer + math::ln(twice.determinant())) - LN_TAU + tail(config).log_excess(outer)
+        },
         math::ln,
     );
     Rules {
@@ -356,7 +359,11 @@ fn rules<M: MeasurementModel>(config: &Config, model: &M) -> Rules {
 
 /// How many standard deviations a landmark can lie off and still be likelier than a new one: its likelihood is at most
 /// that with the sensor's noise alone.
-fn gate_radius<M: MeasurementModel>(rules: &Rules, model: &M) -> f64 {
+fn gate_radius<M: MeasurementModel>(rules: &Rules, model: &M, tail: Tail) -> f64 {
     let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
-    (2.0 * (peak - rules.log_new_density)).max(0.0).sqrt()
+    tail.reach(peak - rules.log_new_density)
+}
+
+fn tail(config: &Config) -> Tail {
+    Tail::from_degrees_of_freedom(config.sensor.tail_degrees_of_freedom)
 }

@@ -40,6 +40,11 @@ pub trait MeasurementModel {
     /// R: covariance of the measurement.
     fn noise_covariance(&self) -> Symmetric2;
 
+    /// Whether the numbers of a measurement can be computed with.
+    fn is_usable(&self, measured: [f64; 2]) -> bool {
+        measured.iter().all(|v| v.is_finite())
+    }
+
     /// Distance of the landmark from the sensor, metres.
     fn range(&self, measured: [f64; 2]) -> f64;
 
