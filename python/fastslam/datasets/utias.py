@@ -8,10 +8,10 @@ where the file is there, else the averages per second that third parties made fo
 half a second to either side of its stamp): positions only, since their headings are wrong where they wrap.
 
 The noise was measured on data set 6: odometry error grows like white noise of about 0.011 m/s and 0.035
-rad/s held for a second; ranges spread by 0.08-0.18 m, bearings by 0.01 rad with heavy tails. The settings are
-wider: each robot's range scale is off by up to 3 % and, in data set 6, its motion lags the odometry by about 0.2 s, so
-that errors repeat from frame to frame (hence also the likelihood exponent), and a missed association does more harm
-than a landmark twice (hence the narrow gate for new ones).
+rad/s held for a second; ranges spread by 0.08-0.18 m, bearings by 0.01 rad with heavy tails. The settings
+are wider: each robot's range scale is off by up to 3 % and, in data set 6, its motion lags the odometry
+by about 0.2 s, so that errors repeat from frame to frame (hence also the likelihood exponent), and a
+missed association does more harm than a landmark twice (hence the narrow gate for new ones).
 """
 
 from __future__ import annotations
