@@ -48,7 +48,7 @@ pub struct FilterConfig {
     pub particles: u32,
     /// How the maps are stored; changes speed and memory, never a result.
     pub store: StoreKind,
-    /// Worker threads for large numbers of particles; changes speed, never a result.
+    /// Worker threads, which share the particles' decisions about associations; they change speed, never a result.
     pub threads: u32,
     /// When and how to resample.
     pub resampling: ResamplingConfig,
@@ -282,7 +282,8 @@ impl ExistenceConfig {
         positive("missed_log_odds", self.missed_log_odds)?;
         fraction("range_fraction", self.range_fraction)?;
         fraction("view_fraction", self.view_fraction)?;
-        if !(self.lowest_log_odds < self.initial_log_odds) {
+        finite("lowest_log_odds", self.lowest_log_odds)?;
+        if self.lowest_log_odds >= self.initial_log_odds {
             return Err(Error::parameter("lowest_log_odds", self.lowest_log_odds, "less than initial_log_odds"));
         }
         if !(self.highest_log_odds >= self.initial_log_odds && self.highest_log_odds.is_finite()) {

@@ -117,6 +117,8 @@ pub struct FastSlam<M = RangeBearing> {
     samplings: u64,
     steps: u64,
     landmarks: Landmarks,
+    /// Threads that decide about associations; none when one is enough.
+    workers: Option<rayon::ThreadPool>,
     path: PathForest,
     weights: Weights,
     ancestor_indices: Vec<u32>,
@@ -159,6 +161,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
             gate_radius,
             random: RandomSource::new(config.seed),
+            workers: workers(config.filter.threads)?,
             particles: Particles::at(start, particles),
             pending: MotionGaussian::default(),
             controls: 0,
@@ -337,6 +340,14 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub fn store_usage(&self) -> StoreUsage {
         self.landmarks.usage()
     }
+}
+
+fn workers(threads: u32) -> Result<Option<rayon::ThreadPool>> {
+    if threads < 2 {
+        return Ok(None);
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build();
+    pool.map(Some).map_err(|error| Error::parameter("filter.threads", threads, format!("fewer: {error}")))
 }
 
 fn rules<M: MeasurementModel>(config: &Config, model: &M) -> Rules {
