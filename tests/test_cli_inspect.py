@@ -16,12 +16,14 @@ from small_log import LANDMARKS_M, write_small_log
 
 def test_version_and_help() -> None:
     assert fastslam("--version").stdout == f"fastslam {package.__version__}\n"
-    commands = ("demo", "run", "simulate", "eval", "info", "config", "datasets")
+    commands = ("demo", "run", "simulate", "eval", "detect", "calibrate", "info", "config", "datasets")
     overview = fastslam().stdout
     assert all(re.search(rf"\b{command}\b", overview) for command in commands)
 
 
-@pytest.mark.parametrize("command", ["run", "simulate", "eval", "info", "config dump", "datasets download"])
+@pytest.mark.parametrize(
+    "command", ["run", "simulate", "eval", "detect", "calibrate", "info", "config dump", "datasets download"]
+)
 def test_help_has_worked_examples(command: str) -> None:
     outcome = fastslam(*command.split(), "--help")
     assert outcome.exit_code == 0

@@ -7,9 +7,11 @@ from typing import Annotated
 import typer
 
 from .. import __version__
+from .calibrate import calibrate_sensor
 from .config import app as config_app
 from .datasets import app as datasets_app
 from .demo import demo
+from .detect import detect_landmarks
 from .errors import OneLineErrors
 from .evaluate import evaluate_results
 from .info import info
@@ -29,6 +31,8 @@ app.command("demo")(demo)
 app.command("run")(run_log)
 app.command("simulate")(simulate_log)
 app.command("eval")(evaluate_results)
+app.command("detect")(detect_landmarks)
+app.command("calibrate")(calibrate_sensor)
 app.command("info")(info)
 app.add_typer(config_app, name="config")
 app.add_typer(datasets_app, name="datasets")

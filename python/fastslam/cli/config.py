@@ -9,7 +9,7 @@ import typer
 
 from ..config import Config, explain, load_config, parse_assignments
 from .console import stdout
-from .options import ConfigFile, Format, Robot, Settings
+from .options import ConfigFile, Format, Robot, Run, Settings
 from .output import keys_table
 
 app = typer.Typer(help="Print, check and explain configurations.")
@@ -22,6 +22,7 @@ def dump(
     log: Annotated[Path | None, typer.Option(help="Start from this log's own settings.")] = None,
     format: Format = None,
     robot: Robot = None,
+    run: Run = None,
 ) -> None:
     """Print the effective configuration as YAML, every key under its description.
 
@@ -34,7 +35,7 @@ def dump(
     if log is not None:
         from ..datasets import load
 
-        layers.append(load(log, format=format, robot=robot).config)
+        layers.append(load(log, format=format, robot=robot, run=run).config)
     if config is not None:
         layers.append(load_config(config))
     layers.append(parse_assignments(settings or []))

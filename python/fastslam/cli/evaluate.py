@@ -13,7 +13,7 @@ from ..evaluation import evaluate
 from ..log import Log
 from ..resultfiles import read_result, to_json
 from .console import stdout
-from .options import Format, Robot
+from .options import Format, Robot, Run
 from .output import metrics_table, read_log_reference, summary_table
 
 
@@ -24,6 +24,7 @@ def evaluate_results(
     ] = None,
     format: Format = None,
     robot: Robot = None,
+    run: Run = None,
     json: Annotated[bool, typer.Option("--json", help="Print the metrics as JSON.")] = False,
 ) -> None:
     """Score one results folder, or several together with the 95 % confidence interval of each metric.
@@ -34,7 +35,9 @@ def evaluate_results(
       fastslam eval results/latest --truth LOG
       fastslam eval results/seed*
     """
-    metrics = [evaluate(read_result(folder), _log_of(folder, truth, format, robot)) for folder in results]
+    metrics = [
+        evaluate(read_result(folder), _log_of(folder, truth, format, robot, run)) for folder in results
+    ]
     if json:
         typer.echo(to_json(metrics[0] if len(metrics) == 1 else metrics), nl=False)
     elif len(metrics) == 1:
@@ -43,10 +46,15 @@ def evaluate_results(
         stdout().print(summary_table(f"{len(results)} results", metrics))
 
 
-def _log_of(folder: Path, truth: Path | None, format: str | None, robot: int | None) -> Log:
+def _log_of(folder: Path, truth: Path | None, format: str | None, robot: int | None, run: int | None) -> Log:
     if truth is not None:
-        return load(truth, format=format, robot=robot)
+        return load(truth, format=format, robot=robot, run=run)
     reference = read_log_reference(folder)
     if not reference.path.exists():
         raise DataError("the log of this run is no longer there: name one with --truth", reference.path)
-    return load(reference.path, format=format or reference.format, robot=robot or reference.robot)
+    return load(
+        reference.path,
+        format=format or reference.format,
+        robot=robot or reference.robot,
+        run=run or reference.run,
+    )

@@ -6,12 +6,12 @@ from ..datasets.info import Extent, LogInfo, StreamInfo, describe
 from ..datasets.registry import load
 from ..evaluation.display import format_number
 from .console import make_table, stdout
-from .options import Format, LogPath, Robot
+from .options import Format, LogPath, Robot, Run
 
 Row = tuple[str, str, str]
 
 
-def info(path: LogPath, format: Format = None, robot: Robot = None) -> None:
+def info(path: LogPath, format: Format = None, robot: Robot = None, run: Run = None) -> None:
     """Say what is in a log: counts, rates, gaps, truth, and the problems found while reading.
 
     \b
@@ -19,7 +19,7 @@ def info(path: LogPath, format: Format = None, robot: Robot = None) -> None:
       fastslam info LOG
       fastslam info MRCLAM_Dataset1 --robot 2
     """
-    summary = describe(load(path, format=format, robot=robot))
+    summary = describe(load(path, format=format, robot=robot, run=run))
     console = stdout()
     title = f"{summary.name} (format {summary.format}, motion model {summary.motion_model})"
     console.print(make_table(title, ("quantity", ">value", "unit"), _rows(summary)))
@@ -51,6 +51,9 @@ def _rows(summary: LogInfo) -> list[Row]:
     ]
     if summary.with_signature:
         rows.append(("sightings with signature", format_number(summary.with_signature), ""))
+    if summary.scans is not None:
+        rows += _stream_rows("laser scans", summary.scans)
+        rows.append(("beams per scan", format_number(summary.beams_per_scan), ""))
     heading = "" if summary.truth_heading_known or not summary.truth_poses else " (no heading)"
     rows.append((f"true poses{heading}", format_number(summary.truth_poses), ""))
     rows.append(("true landmarks", format_number(summary.truth_landmarks), ""))

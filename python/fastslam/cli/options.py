@@ -13,6 +13,9 @@ Format: TypeAlias = Annotated[
     typer.Option(help="Format of the log; guessed from its contents when left out.", metavar="FORMAT"),
 ]
 Robot: TypeAlias = Annotated[int | None, typer.Option(help="Robot number in a log of several.", metavar="N")]
+Run: TypeAlias = Annotated[
+    int | None, typer.Option("--run", help="Run number in a folder of several.", metavar="N")
+]
 ConfigFile: TypeAlias = Annotated[
     Path | None, typer.Option("--config", help="YAML file of settings.", metavar="FILE")
 ]

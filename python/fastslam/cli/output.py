@@ -26,6 +26,7 @@ class LogReference:
     path: Path
     format: str
     robot: int | None = None
+    run: int | None = None
 
 
 def write_log_reference(folder: Path, reference: LogReference) -> None:
@@ -39,7 +40,7 @@ def read_log_reference(folder: Path) -> LogReference:
     path = folder / _LOG_FILE
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
-        return LogReference(Path(facts["path"]), str(facts["format"]), facts["robot"])
+        return LogReference(Path(facts["path"]), str(facts["format"]), facts["robot"], facts.get("run"))
     except FileNotFoundError:
         raise DataError("does not say which log was run: name one with --truth", folder) from None
     except (OSError, ValueError, KeyError, TypeError):

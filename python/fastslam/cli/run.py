@@ -18,7 +18,7 @@ from ..resultfiles import new_result_folder
 from ..runner import configure, run_many
 from .console import progress_bar, stderr, stdout
 from .errors import INTERRUPTED
-from .options import ConfigFile, Format, LogPath, Robot, Seed, Settings
+from .options import ConfigFile, Format, LogPath, Robot, Run, Seed, Settings
 from .output import LogReference, metrics_table, summary_table, write_log_reference
 
 # Flags that stand for a configuration key; the schema checks their values as it checks those of --set.
@@ -42,6 +42,7 @@ def run_log(
     path: LogPath,
     format: Format = None,
     robot: Robot = None,
+    run: Run = None,
     config: ConfigFile = None,
     settings: Settings = None,
     association: Annotated[
@@ -78,12 +79,12 @@ def run_log(
         load_config(config) if config is not None else {},
         parse_assignments([*(settings or []), *given]),
     ]
-    log = load(path, format=format, robot=robot)
+    log = load(path, format=format, robot=robot, run=run)
     configuration = configure(log, *layers)
     for problem in log.problems:
         stderr().print(f"note: {problem.message} ({problem.count:,})", markup=False, soft_wrap=True)
     folder = prepare_folder(out)
-    write_log_reference(folder, LogReference(path, log.format, robot))
+    write_log_reference(folder, LogReference(path, log.format, robot, run))
     run_and_report(log, configuration, folder, runs=runs, report=not no_report)
 
 

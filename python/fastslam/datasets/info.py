@@ -64,6 +64,9 @@ class LogInfo:
     truth_heading_known: bool
     truth_landmarks: int
     position_fixes: int
+    scans: StreamInfo | None
+    """Laser scans; None when the log holds none."""
+    beams_per_scan: int
     problems: tuple[Problem, ...]
 
 
@@ -73,6 +76,7 @@ def describe(log: Log) -> LogInfo:
     stamps = np.concatenate([log.controls.stamp_s, sightings.stamp_s])
     some = len(sightings.stamp_s) > 0
     counts = np.unique(sightings.stamp_s, return_counts=True)[1].astype(np.float64)
+    scans = log.scans if log.scans is not None and len(log.scans.stamp_s) > 0 else None
     truth, landmarks, fixes = log.truth_trajectory, log.truth_landmarks, log.position_fixes
     return LogInfo(
         name=log.name,
@@ -92,6 +96,8 @@ def describe(log: Log) -> LogInfo:
         truth_heading_known=truth is not None and truth.heading_known,
         truth_landmarks=0 if landmarks is None else len(landmarks.names),
         position_fixes=0 if fixes is None else len(fixes.stamp_s),
+        scans=None if scans is None else _stream(scans.stamp_s),
+        beams_per_scan=0 if scans is None else scans.ranges_m.shape[1],
         problems=log.problems,
     )
 

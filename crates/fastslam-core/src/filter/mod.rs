@@ -18,7 +18,7 @@ use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{Measured, SensorPoses, Tail, LN_TAU};
 use crate::math;
-use crate::measurement::{MeasurementModel, RangeBearing};
+use crate::measurement::{MeasurementModel, RangeBearing, SystematicError};
 use crate::motion::{MotionGaussian, PoseColumns};
 use crate::path::PathForest;
 use crate::random::{Purpose, RandomSource};
@@ -104,6 +104,7 @@ pub struct FastSlam<M = RangeBearing> {
     config: Config,
     identities: Identities,
     model: M,
+    systematic_error: SystematicError,
     T_robot_sensor: Pose,
     lever_arm_m: f64,
     rules: Rules,
@@ -136,7 +137,8 @@ impl FastSlam {
     /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
     pub fn new(config: Config, identities: Identities) -> Result<Self> {
         let model = config.sensor.range_bearing();
-        Self::with_model(config, identities, model)
+        let systematic_error = config.sensor.systematic_error();
+        Ok(Self { systematic_error, ..Self::with_model(config, identities, model)? })
     }
 }
 
@@ -159,6 +161,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             landmarks: Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius),
             lever_arm_m: config.sensor.mounting.x_m.hypot(config.sensor.mounting.y_m),
             T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
+            systematic_error: SystematicError::NONE,
             gate_radius,
             random: RandomSource::new(config.seed),
             workers: workers(config.filter.threads)?,
@@ -266,8 +269,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         let mut usable = Vec::with_capacity(sightings.len());
         for s in sightings {
             let identity = if self.identities == Identities::None { None } else { s.identity };
-            let range = self.model.range(s.value);
-            if !self.model.is_usable(s.value) {
+            let value = self.systematic_error.corrected(s.value);
+            let range = self.model.range(value);
+            if !self.model.is_usable(value) {
                 skipped.not_finite += 1;
             } else if range < sensor.min_range_m {
                 skipped.too_near += 1;
@@ -277,7 +281,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 skipped.without_identity += 1;
             } else {
                 let noise = s.noise.filter(|n| n.is_positive_definite()).unwrap_or(self.model.noise_covariance());
-                let measured = Measured { value: s.value, noise, tail: tail(&self.config) };
+                let measured = Measured { value, noise, tail: tail(&self.config) };
                 usable.push(scan::ScanSighting { measured, identity });
             }
         }

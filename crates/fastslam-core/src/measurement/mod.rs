@@ -115,8 +115,36 @@ pub struct Sensor {
     /// Degrees of freedom of the noise (Student's t): 3 to 10 for a sensor with outliers. Without it the noise is
     /// Gaussian, and one wild sighting can spoil a landmark.
     pub tail_degrees_of_freedom: Option<f64>,
+    /// What the sensor reports for every metre of range, beyond `range_bias_m`; `fastslam calibrate` finds it.
+    pub range_scale: f64,
+    /// What the sensor adds to every range. Reported ranges become (range − bias) / scale before anything else is done
+    /// with them, the limits included.
+    pub range_bias_m: f64,
+    /// What the sensor adds to every bearing. A sensor with this alone is one that is mounted turned the other way.
+    pub bearing_bias_rad: f64,
     /// Pose of the sensor on the robot.
     pub mounting: Mounting,
+}
+
+/// Systematic errors of a range-bearing sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SystematicError {
+    /// Reported metres per metre.
+    pub range_scale: f64,
+    /// Added to every range.
+    pub range_bias_m: f64,
+    /// Added to every bearing.
+    pub bearing_bias_rad: f64,
+}
+
+impl SystematicError {
+    /// None at all: [`Self::corrected`] returns what it is given, to the last bit.
+    pub const NONE: Self = Self { range_scale: 1.0, range_bias_m: 0.0, bearing_bias_rad: 0.0 };
+
+    /// What a sensor without these errors would have reported.
+    pub fn corrected(&self, [range_m, bearing_rad]: [f64; 2]) -> [f64; 2] {
+        [(range_m - self.range_bias_m) / self.range_scale, bearing_rad - self.bearing_bias_rad]
+    }
 }
 
 /// Names of the measurement models.
@@ -138,6 +166,9 @@ impl Default for Sensor {
             max_range_m: 100.0,
             field_of_view_rad: std::f64::consts::TAU,
             tail_degrees_of_freedom: None,
+            range_scale: SystematicError::NONE.range_scale,
+            range_bias_m: SystematicError::NONE.range_bias_m,
+            bearing_bias_rad: SystematicError::NONE.bearing_bias_rad,
             mounting: Mounting::default(),
         }
     }
@@ -155,6 +186,9 @@ impl Sensor {
             if let Some(value) = self.tail_degrees_of_freedom {
                 positive("tail_degrees_of_freedom", value)?;
             }
+            positive("range_scale", self.range_scale)?;
+            finite("range_bias_m", self.range_bias_m)?;
+            finite("bearing_bias_rad", self.bearing_bias_rad)?;
             self.mounting.validate()
         };
         check().map_err(|e| e.within("sensor"))
@@ -163,5 +197,38 @@ impl Sensor {
     /// The range-bearing model with this sensor's noise.
     pub fn range_bearing(&self) -> RangeBearing {
         RangeBearing { range_std_m: self.range_std_m, bearing_std_rad: self.bearing_std_rad }
+    }
+
+    /// The systematic errors of this sensor.
+    pub fn systematic_error(&self) -> SystematicError {
+        let Self { range_scale, range_bias_m, bearing_bias_rad, .. } = *self;
+        SystematicError { range_scale, range_bias_m, bearing_bias_rad }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn systematic_errors_are_taken_out() {
+        let error = SystematicError { range_scale: 1.25, range_bias_m: -0.5, bearing_bias_rad: 0.1 };
+        // Truly 8 m at 0.3 rad: reported 1.25 * 8 - 0.5 and 0.3 + 0.1.
+        let [range_m, bearing_rad] = error.corrected([9.5, 0.4]);
+        assert!((range_m - 8.0).abs() < 1e-12 && (bearing_rad - 0.3).abs() < 1e-12);
+        for value in [[0.1, -3.0], [1e-300, 0.0], [77.7, 1.0 / 3.0]] {
+            assert_eq!(SystematicError::NONE.corrected(value), value);
+        }
+        assert!(SystematicError::NONE.corrected([f64::NAN, 0.0])[0].is_nan());
+    }
+
+    #[test]
+    fn a_scale_that_is_not_positive_is_an_error() {
+        for range_scale in [0.0, -1.0, f64::NAN] {
+            let error = Sensor { range_scale, ..Sensor::default() }.validate().unwrap_err();
+            assert!(error.to_string().contains("sensor.range_scale"), "{error}");
+        }
+        let error = Sensor { range_bias_m: f64::INFINITY, ..Sensor::default() }.validate().unwrap_err();
+        assert!(error.to_string().contains("sensor.range_bias_m"), "{error}");
     }
 }

@@ -1,0 +1,63 @@
+"""`fastslam calibrate`: noise, systematic errors and mounting of the sensor, from a log."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .._yaml import write_yaml
+from ..calibration import Parameter, calibrate
+from ..config import load_config, merge, parse_assignments
+from ..datasets.registry import load
+from ..evaluation.display import format_number
+from ..resultfiles import write_atomically
+from .console import make_table, stdout
+from .options import ConfigFile, Format, LogPath, Robot, Run, Seed, Settings
+
+
+def calibrate_sensor(
+    path: LogPath,
+    format: Format = None,
+    robot: Robot = None,
+    run: Run = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    seed: Seed = None,
+    reference: Annotated[
+        str, typer.Option(metavar="sensor|odometry|survey", help="Whose scale is right.")
+    ] = "sensor",
+    noise: Annotated[bool, typer.Option("--noise", help="Write the noise too, not only print it.")] = False,
+    out: Annotated[Path, typer.Option(help="YAML file for the settings found.")] = Path("calibration.yaml"),
+) -> None:
+    """Estimate the sensor's mounting, systematic errors and noise from what a run leaves unexplained.
+
+    What differs from the configured value by three standard errors goes into a file that `fastslam run
+    --config` takes. Ranges and odometry alone do not tell which of them is in true metres: --reference does.
+
+    Settings come from: defaults < the log's own < --config < --set.
+
+    \b
+    Examples:
+      fastslam calibrate LOG
+      fastslam run LOG --config calibration.yaml
+      fastslam calibrate MRCLAM_Dataset2 --robot 3 --reference survey --out robot3.yaml
+    """
+    given = [*(settings or []), *([] if seed is None else [f"seed={seed}"])]
+    layers = (load_config(config) if config is not None else {}, parse_assignments(given))
+    log = load(path, format=format, robot=robot, run=run)
+    found = calibrate(log, merge(*layers), reference=reference, noise=noise)  # type: ignore[arg-type]
+    rows = [_row(parameter) for parameter in found.parameters]
+    title = f"{log.name}: {found.sightings:,} sightings of {found.landmarks:,} landmarks"
+    headings = ("parameter", ">configured", ">found", ">standard error", "unit", "")
+    stdout().print(make_table(title, headings, rows))
+    typer.echo(write_atomically(out, write_yaml(found.settings)))
+
+
+def _row(parameter: Parameter) -> tuple[str, ...]:
+    error = "" if math.isnan(parameter.standard_error) else format_number(parameter.standard_error)
+    note = "within chance" if parameter.standard_error > 0 and not parameter.significant else ""
+    values = (format_number(parameter.configured), format_number(parameter.value))
+    return (parameter.key, *values, error, parameter.unit, note)

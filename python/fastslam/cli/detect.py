@@ -1,0 +1,51 @@
+"""`fastslam detect`: a laser scan, or all scans of a log, with what is detected in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..datasets.registry import load
+from ..detection import SCHEMA, find
+from ..errors import DataError
+from ..plots.scan import write_scan_figure, write_scan_page
+from .options import ConfigFile, Format, LogPath, Robot, Run, Settings
+
+
+def detect_landmarks(
+    path: LogPath,
+    format: Format = None,
+    robot: Robot = None,
+    run: Run = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    scan: Annotated[int, typer.Option(min=0, metavar="N", help="Which scan to draw, from 0.")] = 0,
+    out: Annotated[Path, typer.Option(help="PNG file of that scan.")] = Path("scan.png"),
+    html: Annotated[
+        Path | None, typer.Option(help="Instead: an HTML page with a slider over all scans.", metavar="FILE")
+    ] = None,
+) -> None:
+    """Detect landmarks in the laser scans of a log, and draw one scan or all with segments and detections.
+
+    Settings come from: defaults < those of the log's scans < --config < --set (keys in docs/detectors.md).
+
+    \b
+    Examples:
+      fastslam detect LOG --scan 120 --out scan.png
+      fastslam detect LOG --html scans.html
+      fastslam detect LOG --scan 120 --set kind=corners
+    """
+    layers = (SCHEMA.load(config) if config is not None else {}, SCHEMA.parse_assignments(settings or []))
+    log = load(path, format=format, robot=robot, run=run)
+    if log.scans is None:
+        raise DataError("the log holds no laser scans to detect landmarks in", path)
+    overrides = SCHEMA.merge(*layers)
+    found = find(log.scans, SCHEMA.merge(log.scans.detector, overrides))
+    if html is not None:
+        written = write_scan_page(log, html, config=overrides)
+    else:
+        written = write_scan_figure(log, out, scan=scan, config=overrides)
+    typer.echo(f"{len(found.stamp_s):,} detections in {len(log.scans.stamp_s):,} scans")
+    typer.echo(written)

@@ -1,0 +1,121 @@
+"""Calibration finds what was put into a log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_runner import fastslam
+from fastslam.calibration import Calibration, calibrate
+from fastslam.config import Config, load_config
+from fastslam.datasets import load, write_native
+from fastslam.errors import ConfigError, DataError
+from fastslam.log import Log
+from fastslam.runner import run
+from fastslam.simulation import resolve_simulation, simulate
+from small_log import make_small_log
+
+SCALE, BIAS_M, YAW_RAD, AHEAD_M = 1.03, 0.1, 0.06, 0.4
+
+
+def miscalibrated_log() -> Log:
+    """Ranges read 3 % and 0.1 m too long, and the sensor is turned left by 0.06 rad and sits 0.4 m ahead."""
+    settings = {"seed": 3, "sensor": {"mounting": {"x_m": AHEAD_M}}}
+    log = simulate(resolve_simulation(settings, preset="demo"))
+    sightings = replace(
+        log.sightings,
+        range_m=SCALE * log.sightings.range_m + BIAS_M,
+        bearing_rad=log.sightings.bearing_rad - YAW_RAD,
+    )
+    sensor = {key: value for key, value in log.config["sensor"].items() if key != "mounting"}
+    return replace(log, sightings=sightings, config={**log.config, "sensor": sensor})
+
+
+def within(found: Calibration, key: str, expected: float) -> bool:
+    parameter = found[key]
+    return abs(parameter.value - expected) < 4 * parameter.standard_error + 1e-3
+
+
+@pytest.mark.parametrize("reference", ["odometry", "survey"])
+def test_what_was_put_in_is_found(reference: str) -> None:
+    log = miscalibrated_log()
+    found = calibrate(log, {"seed": 1}, reference=reference)  # type: ignore[arg-type]
+    assert within(found, "range_scale", SCALE) and found["range_scale"].standard_error < 0.01
+    assert within(found, "range_bias_m", BIAS_M) and found["range_bias_m"].standard_error < 0.05
+    assert within(found, "mounting.yaw_rad", YAW_RAD) and found["mounting.yaw_rad"].standard_error < 0.02
+    assert within(found, "mounting.x_m", AHEAD_M) and within(found, "mounting.y_m", 0.0)
+    assert found["range_std_m"].value == pytest.approx(SCALE * 0.1, rel=0.1)
+    assert found["bearing_std_rad"].value == pytest.approx(np.radians(1.5), rel=0.1)
+
+
+def test_trusted_ranges_stay_as_configured() -> None:
+    found = calibrate(miscalibrated_log(), {"seed": 1})
+    keys = [parameter.key for parameter in found.parameters]
+    assert keys[:3] == ["mounting.x_m", "mounting.y_m", "mounting.yaw_rad"] and len(keys) == 5
+
+
+def test_the_filter_takes_systematic_errors_out() -> None:
+    clean = make_small_log()
+    sightings = replace(
+        clean.sightings,
+        range_m=1.25 * clean.sightings.range_m - 0.5,
+        bearing_rad=clean.sightings.bearing_rad + 0.2,
+    )
+    errors = {"range_scale": 1.25, "range_bias_m": -0.5, "bearing_bias_rad": 0.2}
+    expected = run(clean, {"seed": 1}).landmarks
+    found = run(replace(clean, sightings=sightings), {"seed": 1, "sensor": errors}).landmarks
+    np.testing.assert_allclose(found.mean_m, expected.mean_m, atol=1e-6)
+    with pytest.raises(ConfigError, match="range_scale"):
+        run(clean, {"sensor": {"range_scale": 0.0}})
+
+
+def test_a_run_with_the_settings_found_has_a_better_map() -> None:
+    log = miscalibrated_log()
+    found = calibrate(log, {"seed": 1}, reference="odometry")
+    assert log.truth_landmarks is not None
+
+    def size_m(config: dict[str, object]) -> float:
+        map_m = run(log, {**config, "seed": 2}).landmarks.mean_m
+        return float(np.hypot(*(map_m - map_m.mean(axis=0)).T).mean())
+
+    truth_m = log.truth_landmarks.position_m
+    true_size_m = float(np.hypot(*(truth_m - truth_m.mean(axis=0)).T).mean())
+    before, after = size_m({}), size_m(found.settings)
+    assert abs(after / true_size_m - 1) < 0.01 < abs(before / true_size_m - 1)
+
+
+def test_unknown_identities_are_taken_from_the_map() -> None:
+    found = calibrate(miscalibrated_log(), {"seed": 1, "association": {"mode": "unknown"}})
+    assert found["mounting.yaw_rad"].value == pytest.approx(YAW_RAD, abs=0.02)
+    assert found.sightings > 1500
+
+
+def test_logs_with_too_little_and_wrong_references_are_errors() -> None:
+    log = make_small_log(steps=20)
+    with pytest.raises(DataError, match="calibration needs 100 sightings"):
+        calibrate(log)
+    with pytest.raises(ConfigError, match="reference: got truth"):
+        calibrate(log, reference="truth")  # type: ignore[arg-type]
+    with pytest.raises(DataError, match="survey"):
+        calibrate(replace(make_small_log(), truth_landmarks=None), reference="survey")
+
+
+def test_the_command_writes_a_configuration_for_run(tmp_path: Path) -> None:
+    log = write_native(miscalibrated_log(), tmp_path / "log")
+    out = tmp_path / "calibration.yaml"
+    outcome = fastslam("calibrate", log, "--reference", "odometry", "--noise", "--out", out)
+    assert outcome.exit_code == 0 and "range_scale" in outcome.stdout
+    settings = load_config(out)
+    assert set(settings["sensor"]) >= {"range_scale", "mounting", "range_std_m", "bearing_std_rad"}
+    assert Config.resolve(settings)["sensor"]["range_scale"] == pytest.approx(SCALE, abs=0.02)
+    fastslam("calibrate", log, "--reference", "x").assert_one_line_error(exit_code=2, contains="reference")
+
+
+def test_the_lever_arm_of_lost_in_the_woods_is_found(data_dir: Path) -> None:
+    log = load(data_dir / "lost_in_the_woods")
+    without = {"sensor": {"mounting": {"x_m": 0.0}}, "filter": {"particles": 50}, "seed": 0}
+    found = calibrate(log, without)
+    assert found["mounting.x_m"].value == pytest.approx(0.219, abs=0.015)
+    assert found["mounting.yaw_rad"].value == pytest.approx(0.08, abs=0.01)
