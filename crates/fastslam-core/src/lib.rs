@@ -5,6 +5,7 @@
 
 pub mod association;
 pub mod config;
+pub mod ekf_slam;
 pub mod error;
 pub mod filter;
 pub mod geometry;
@@ -17,6 +18,7 @@ pub mod random;
 pub mod real;
 pub mod resampling;
 pub mod run;
+pub mod slam;
 pub mod store;
 pub mod testing;
 pub mod timeline;

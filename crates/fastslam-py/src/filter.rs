@@ -2,16 +2,20 @@
 
 use crate::settings::to_python;
 use crate::{arrays, config, run};
-use fastslam_core::filter::{FastSlam, Identities};
+use fastslam_core::filter::Identities;
+use fastslam_core::slam::{self, Slam};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// FastSLAM, one control and one scan at a time.
+type Vector<'py> = Bound<'py, PyArray1<f64>>;
+type Table<'py> = Bound<'py, PyArray2<f64>>;
+
+/// The configured filter, one control and one scan at a time.
 #[pyclass]
 pub struct Filter {
-    filter: FastSlam,
+    filter: Box<dyn Slam>,
 }
 
 #[pymethods]
@@ -24,7 +28,7 @@ impl Filter {
             "none" => Identities::None,
             other => return Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
         };
-        let filter = FastSlam::new(config::parse(config_json)?, identities).map_err(to_python)?;
+        let filter = slam::create(config::parse(config_json)?, identities).map_err(to_python)?;
         Ok(Self { filter })
     }
 
@@ -59,18 +63,18 @@ impl Filter {
     }
 
     /// Mean (3) and covariance (3, 3) of the pose now.
-    fn pose<'py>(&mut self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn pose<'py>(&mut self, py: Python<'py>) -> PyResult<(Vector<'py>, Table<'py>)> {
         let estimate = py.detach(|| self.filter.predicted_pose());
         let covariance = estimate.covariance.concat().into_pyarray(py).reshape([3, 3])?;
         Ok((estimate.mean.to_array().to_vec().into_pyarray(py), covariance))
     }
 
     /// Poses (M, 3) and normalised weights (M) of the particles.
-    fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
-        let particles = self.filter.particles();
-        let motion = self.filter.pending_motion().mean;
-        let poses: Vec<f64> = (0..particles.len()).flat_map(|i| particles.pose(i).compose(motion).to_array()).collect();
-        Ok((poses.into_pyarray(py).reshape([particles.len(), 3])?, self.filter.weights().to_vec().into_pyarray(py)))
+    fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Table<'py>, Vector<'py>)> {
+        let hypotheses = self.filter.weighted_poses();
+        let poses: Vec<f64> = hypotheses.iter().flat_map(|(pose, _)| pose.to_array()).collect();
+        let weights: Vec<f64> = hypotheses.iter().map(|(_, weight)| *weight).collect();
+        Ok((poses.into_pyarray(py).reshape([weights.len(), 3])?, weights.into_pyarray(py)))
     }
 
     fn map<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
@@ -79,7 +83,7 @@ impl Filter {
     }
 
     /// Stamps (T) and poses (T, 3) of the path of the best particle.
-    fn best_path<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+    fn best_path<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Table<'py>)> {
         let path = self.filter.best_path();
         let poses: Vec<f64> = path.iter().flat_map(|node| node.1.to_array()).collect();
         let stamps: Vec<f64> = path.iter().map(|node| node.0).collect();

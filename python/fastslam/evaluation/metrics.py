@@ -158,7 +158,9 @@ def run_metrics(result: RunResult) -> Metrics:
 
 
 def particle_count(config: dict[str, Any]) -> int | None:
-    """Number of particles in an effective configuration; None where it does not say."""
+    """Number of particles in an effective configuration (1 for EKF-SLAM); None where it does not say."""
+    if config.get("algorithm") == "ekf":
+        return 1
     particles = config.get("filter", {}).get("particles")
     return particles if isinstance(particles, int) else None
 

@@ -1,6 +1,7 @@
 //! The landmarks of all maps: the store with names, births and places.
 
 use crate::association::{Box2, Grid};
+use crate::config::AssociationMode;
 use crate::landmark::column;
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreKind, StoreUsage};
 use rustc_hash::FxHashMap;
@@ -38,6 +39,16 @@ pub enum Identities {
     Some,
     /// None has one, or they are ignored.
     None,
+}
+
+impl Identities {
+    /// What remains of the log's promise under the configured mode.
+    pub(crate) fn heeding(self, mode: AssociationMode) -> Self {
+        match mode {
+            AssociationMode::Known => self,
+            AssociationMode::Unknown => Self::None,
+        }
+    }
 }
 
 impl Landmarks {

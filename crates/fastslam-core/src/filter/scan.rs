@@ -42,7 +42,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 let pose = self.particles.pose(i);
                 match self.config.algorithm {
                     Algorithm::Fastslam1 => Belief { mean: pose, covariance: [[0.0; 3]; 3] },
-                    Algorithm::Fastslam2 => Belief {
+                    _ => Belief {
                         mean: pose.compose(self.pending.mean),
                         covariance: self.pending.covariance_in_world(pose.heading),
                     },
