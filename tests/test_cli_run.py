@@ -113,7 +113,7 @@ def test_unknown_association_ignores_the_identities(log: Path, tmp_path: Path) -
     assert all(name.startswith("L") for name in read_result(out).landmarks.ids)
 
 
-@pytest.mark.parametrize("store", ["dense", "tree"])
+@pytest.mark.parametrize("store", ["dense", "tree", "lineage"])
 def test_store_and_threads_change_no_result(log: Path, tmp_path: Path, store: str) -> None:
     reference, other = tmp_path / "reference", tmp_path / "other"
     fastslam("run", log, "--out", reference, "--no-report", "--particles", "30")

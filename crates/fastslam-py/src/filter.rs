@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
-type Table<'py> = Bound<'py, PyArray2<f64>>;
+type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
 /// The configured filter, one control and one scan at a time.
 #[pyclass]
@@ -63,14 +63,14 @@ impl Filter {
     }
 
     /// Mean (3) and covariance (3, 3) of the pose now.
-    fn pose<'py>(&mut self, py: Python<'py>) -> PyResult<(Vector<'py>, Table<'py>)> {
+    fn pose<'py>(&mut self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
         let estimate = py.detach(|| self.filter.predicted_pose());
         let covariance = estimate.covariance.concat().into_pyarray(py).reshape([3, 3])?;
         Ok((estimate.mean.to_array().to_vec().into_pyarray(py), covariance))
     }
 
     /// Poses (M, 3) and normalised weights (M) of the particles.
-    fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Table<'py>, Vector<'py>)> {
+    fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Vector<'py>)> {
         let hypotheses = self.filter.weighted_poses();
         let poses: Vec<f64> = hypotheses.iter().flat_map(|(pose, _)| pose.to_array()).collect();
         let weights: Vec<f64> = hypotheses.iter().map(|(_, weight)| *weight).collect();
@@ -83,7 +83,7 @@ impl Filter {
     }
 
     /// Stamps (T) and poses (T, 3) of the path of the best particle.
-    fn best_path<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Table<'py>)> {
+    fn best_path<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
         let path = self.filter.best_path();
         let poses: Vec<f64> = path.iter().flat_map(|node| node.1.to_array()).collect();
         let stamps: Vec<f64> = path.iter().map(|node| node.0).collect();

@@ -132,13 +132,15 @@ def _config(truth: TruthTrajectory | None, start_s: float) -> dict[str, Any]:
         "motion": {
             "model": "velocity",
             "speed_std_m_per_s": 0.015,
+            "lateral_std_m_per_s": 0.005,
             "yaw_rate_std_rad_per_s": 0.04,
             "noise_period_s": 1.0,
         },
         "sensor": {
             "model": "range_bearing",
-            "range_std_m": 0.15,
-            "bearing_std_rad": 0.03,
+            "range_std_m": 0.3,
+            "bearing_std_rad": 0.06,
+            "tail_degrees_of_freedom": 4.0,
             "field_of_view_rad": FIELD_OF_VIEW_RAD,
         },
     }

@@ -75,8 +75,8 @@ def _config() -> dict[str, Any]:
             "encoder_left_m": 0.76,
             "sensor_ahead_m": 3.78,
             "sensor_left_m": 0.5,
-            "speed_std_m_per_s": 1.0,
-            "steering_std_rad": float(np.deg2rad(3.0)),
+            "speed_std_m_per_s": 0.5,
+            "steering_std_rad": 0.03,
             "noise_period_s": CONTROL_PERIOD_S,
         },
         "sensor": {

@@ -24,18 +24,7 @@ impl LandmarkStore for DenseStore {
     }
 
     fn insert(&mut self, slot: u32, values: &[f64]) {
-        let slot = slot as usize;
-        if slot >= self.blocks.len() {
-            self.blocks.resize_with(slot + 1, Vec::new);
-        }
-        let block = &mut self.blocks[slot];
-        block.clear();
-        block.extend_from_slice(values);
-        for particle in 0..self.particles {
-            if block[particle] == 0.0 {
-                (1..self.columns).for_each(|c| block[c * self.particles + particle] = 0.0);
-            }
-        }
+        self.update(slot, None, &mut |rows| rows.values.copy_from_slice(values));
     }
 
     fn remove(&mut self, slot: u32) {
@@ -63,13 +52,21 @@ impl LandmarkStore for DenseStore {
         }
     }
 
+    fn holders(&mut self, slot: u32) -> usize {
+        self.read(slot).column(0).iter().filter(|value| **value != 0.0).count()
+    }
+
     fn update(&mut self, slot: u32, _changed: Option<&[bool]>, change: &mut dyn FnMut(RowsMut<'_>)) {
-        if let Some(block) = self.blocks.get_mut(slot as usize).filter(|block| !block.is_empty()) {
-            change(RowsMut::new(block, self.particles));
-            for particle in 0..self.particles {
-                if block[particle] == 0.0 {
-                    (1..self.columns).for_each(|c| block[c * self.particles + particle] = 0.0);
-                }
+        let slot = slot as usize;
+        if slot >= self.blocks.len() {
+            self.blocks.resize_with(slot + 1, Vec::new);
+        }
+        let block = &mut self.blocks[slot];
+        block.resize(self.particles * self.columns, 0.0);
+        change(RowsMut::new(block, self.particles));
+        for particle in 0..self.particles {
+            if block[particle] == 0.0 {
+                (1..self.columns).for_each(|c| block[c * self.particles + particle] = 0.0);
             }
         }
     }

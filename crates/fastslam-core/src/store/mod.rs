@@ -5,9 +5,11 @@
 //! as columns, so that one vectorised pass can update a landmark in all maps.
 
 mod dense;
+mod lineage;
 mod tree;
 
 pub use dense::DenseStore;
+pub use lineage::LineageStore;
 pub use tree::TreeStore;
 
 use schemars::JsonSchema;
@@ -20,8 +22,10 @@ pub enum StoreKind {
     /// Every particle owns a full array: O(M K) per resampling. The reference.
     Dense,
     /// A persistent balanced binary tree per particle, as in the paper: O(M log K) per update, O(M) per resampling.
-    #[default]
     Tree,
+    /// Landmark-major blocks that follow their lineages lazily: O(M) per update and per resampling.
+    #[default]
+    Lineage,
 }
 
 impl StoreKind {
@@ -30,6 +34,7 @@ impl StoreKind {
         match self {
             Self::Dense => Box::new(DenseStore::new(particles, columns)),
             Self::Tree => Box::new(TreeStore::new(particles, columns)),
+            Self::Lineage => Box::new(LineageStore::new(particles, columns)),
         }
     }
 }
@@ -99,7 +104,7 @@ pub trait LandmarkStore: Send + Sync {
     /// Number of maps.
     fn particle_count(&self) -> usize;
 
-    /// Adds a landmark to an empty slot, with the rows of all particles as columns one after the other.
+    /// Adds a landmark, with the rows of all particles as columns one after the other. What the slot held is gone.
     fn insert(&mut self, slot: u32, values: &[f64]);
 
     /// Empties a slot in all maps.
@@ -111,8 +116,11 @@ pub trait LandmarkStore: Send + Sync {
     /// The numbers of one particle's landmark; false when it is absent.
     fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool;
 
+    /// Number of maps that hold a landmark. Zero means that its slot can be used again.
+    fn holders(&mut self, slot: u32) -> usize;
+
     /// Changes a landmark through `change`, which sees the rows of all particles and may alter those that `changed`
-    /// marks (all when there is no mask).
+    /// marks (all when there is no mask). Of an empty slot it sees absent rows, which it may fill.
     fn update(&mut self, slot: u32, changed: Option<&[bool]>, change: &mut dyn FnMut(RowsMut<'_>));
 
     /// Map i becomes a copy of the former map `ancestor_indices[i]`; their number may change.

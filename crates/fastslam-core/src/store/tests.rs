@@ -5,11 +5,11 @@ use proptest::prelude::*;
 use std::collections::BTreeMap;
 
 const COLUMNS: usize = 3;
-const SLOTS: u32 = 12;
 
 /// What each particle's map should hold: the plainest thing that could be right.
 #[derive(Clone, Debug)]
 struct Model {
+    slots: u32,
     maps: Vec<BTreeMap<u32, [f64; COLUMNS]>>,
 }
 
@@ -17,18 +17,33 @@ struct Model {
 enum Operation {
     Insert { slot: u32, absent: u8 },
     Remove { slot: u32 },
-    Update { slot: u32, mask: Option<u8>, amount: f64, drop: bool },
-    Resample { choice: Vec<u8> },
+    Read { slot: u32 },
+    Update { slot: u32, mask: Option<u8>, amount: f64, kind: Change },
+    Resample { choice: Vec<u8>, sorted: bool },
     Restore,
 }
 
-fn any_operation() -> impl Strategy<Value = Operation> {
+/// What an update does with the rows that it marks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Change {
+    /// Alters those that are present.
+    Alter,
+    /// Makes those that are present absent.
+    Drop,
+    /// Alters those that are present and gives the others a landmark.
+    Fill,
+}
+
+fn any_operation(slots: u32, particles: std::ops::Range<usize>) -> impl Strategy<Value = Operation> {
+    let kind = prop_oneof![8 => Just(Change::Alter), 1 => Just(Change::Drop), 1 => Just(Change::Fill)];
     prop_oneof![
-        3 => (0..SLOTS, any::<u8>()).prop_map(|(slot, absent)| Operation::Insert { slot, absent }),
-        1 => (0..SLOTS).prop_map(|slot| Operation::Remove { slot }),
-        6 => (0..SLOTS, any::<Option<u8>>(), -2.0..2.0, prop::bool::weighted(0.1))
-            .prop_map(|(slot, mask, amount, drop)| Operation::Update { slot, mask, amount, drop }),
-        4 => prop::collection::vec(any::<u8>(), 1..9).prop_map(|choice| Operation::Resample { choice }),
+        3 => (0..slots, any::<u8>()).prop_map(|(slot, absent)| Operation::Insert { slot, absent }),
+        1 => (0..slots).prop_map(|slot| Operation::Remove { slot }),
+        2 => (0..slots).prop_map(|slot| Operation::Read { slot }),
+        6 => (0..slots, any::<Option<u8>>(), -2.0..2.0, kind)
+            .prop_map(|(slot, mask, amount, kind)| Operation::Update { slot, mask, amount, kind }),
+        4 => (prop::collection::vec(any::<u8>(), particles), prop::bool::weighted(0.8))
+            .prop_map(|(choice, sorted)| Operation::Resample { choice, sorted }),
         1 => Just(Operation::Restore),
     ]
 }
@@ -37,15 +52,22 @@ fn bit(mask: u8, particle: usize) -> bool {
     mask >> (particle % 8) & 1 == 1
 }
 
-/// Adds `amount` to the marked rows that are present, or makes them absent.
-fn change(rows: RowsMut<'_>, mask: Option<&[bool]>, amount: f64, drop: bool) {
-    let [count, first, second] = rows.columns::<COLUMNS>();
-    for i in 0..count.len() {
-        if count[i] != 0.0 && mask.is_none_or(|m| m[i]) {
-            count[i] = if drop { 0.0 } else { count[i] + 1.0 };
-            first[i] += amount;
-            second[i] *= amount;
-        }
+/// What one row becomes.
+fn changed(row: [f64; COLUMNS], amount: f64, kind: Change) -> [f64; COLUMNS] {
+    match (row[0] == 0.0, kind) {
+        (true, Change::Fill) => [1.0, amount, 0.25],
+        (true, _) => row,
+        // The stores must make the other numbers of an absent row zero.
+        (false, Change::Drop) => [0.0, row[1] + amount, row[2]],
+        (false, _) => [row[0] + 1.0, row[1] + amount, row[2] * amount],
+    }
+}
+
+fn change(rows: RowsMut<'_>, mask: Option<&[bool]>, amount: f64, kind: Change) {
+    let columns = rows.columns::<COLUMNS>();
+    for i in (0..columns[0].len()).filter(|&i| mask.is_none_or(|m| m[i])) {
+        let row = changed(std::array::from_fn(|c| columns[c][i]), amount, kind);
+        (0..COLUMNS).for_each(|c| columns[c][i] = row[c]);
     }
 }
 
@@ -56,10 +78,10 @@ struct Population {
 }
 
 impl Population {
-    fn new(particles: usize) -> Self {
-        let kinds = [StoreKind::Dense, StoreKind::Tree];
+    fn new(particles: usize, slots: u32) -> Self {
+        let kinds = [StoreKind::Dense, StoreKind::Tree, StoreKind::Lineage];
         Self {
-            model: Model { maps: vec![BTreeMap::new(); particles] },
+            model: Model { slots, maps: vec![BTreeMap::new(); particles] },
             stores: kinds.into_iter().map(|kind| (kind, kind.create(particles, COLUMNS))).collect(),
             saved: None,
         }
@@ -75,13 +97,16 @@ impl Population {
                 }
                 self.stores.iter_mut().for_each(|(_, store)| store.remove(*slot));
             }
-            Operation::Update { slot, mask, amount, drop } => {
+            Operation::Read { slot } => assert_eq!(self.check_slot(*slot), particles * self.stores.len()),
+            Operation::Update { slot, mask, amount, kind } => {
                 let mask: Option<Vec<bool>> = mask.map(|m| (0..particles).map(|i| bit(m, i)).collect());
-                self.update(*slot, mask.as_deref(), *amount, *drop);
+                self.update(*slot, mask.as_deref(), *amount, *kind);
             }
-            Operation::Resample { choice } => {
+            Operation::Resample { choice, sorted } => {
                 let mut ancestors: Vec<u32> = choice.iter().map(|c| u32::from(*c) % particles as u32).collect();
-                ancestors.sort_unstable();
+                if *sorted {
+                    ancestors.sort_unstable();
+                }
                 self.model.maps = ancestors.iter().map(|&a| self.model.maps[a as usize].clone()).collect();
                 self.stores.iter_mut().for_each(|(_, store)| store.resample(&ancestors));
             }
@@ -98,9 +123,6 @@ impl Population {
     }
 
     fn insert(&mut self, slot: u32, absent: u8) {
-        if self.model.maps.iter().any(|map| map.contains_key(&slot)) {
-            return;
-        }
         let particles = self.model.maps.len();
         let mut values = vec![0.0; COLUMNS * particles];
         for (i, map) in self.model.maps.iter_mut().enumerate() {
@@ -108,44 +130,53 @@ impl Population {
             for (c, value) in row.into_iter().enumerate() {
                 values[c * particles + i] = value;
             }
-            if row[0] != 0.0 {
+            if row[0] == 0.0 {
+                map.remove(&slot);
+            } else {
                 map.insert(slot, row);
             }
         }
         self.stores.iter_mut().for_each(|(_, store)| store.insert(slot, &values));
     }
 
-    fn update(&mut self, slot: u32, mask: Option<&[bool]>, amount: f64, drop: bool) {
+    fn update(&mut self, slot: u32, mask: Option<&[bool]>, amount: f64, kind: Change) {
         for (i, map) in self.model.maps.iter_mut().enumerate() {
-            if let Some(row) = map.get_mut(&slot).filter(|_| mask.is_none_or(|m| m[i])) {
-                *row = [row[0] + 1.0, row[1] + amount, row[2] * amount];
-                if drop {
+            if mask.is_none_or(|m| m[i]) {
+                let row = changed(map.get(&slot).copied().unwrap_or_default(), amount, kind);
+                if row[0] == 0.0 {
                     map.remove(&slot);
+                } else {
+                    map.insert(slot, row);
                 }
             }
         }
         for (_, store) in &mut self.stores {
-            store.update(slot, mask, &mut |rows| change(rows, mask, amount, drop));
+            store.update(slot, mask, &mut |rows| change(rows, mask, amount, kind));
         }
     }
 
-    /// Compares every number, bit by bit; returns how many it saw.
+    /// Compares every number, bit by bit; returns how many rows it saw.
     fn check(&mut self) -> usize {
+        (0..self.model.slots).map(|slot| self.check_slot(slot)).sum()
+    }
+
+    fn check_slot(&mut self, slot: u32) -> usize {
         let mut seen = 0;
         for (kind, store) in &mut self.stores {
             assert_eq!(store.particle_count(), self.model.maps.len());
-            for slot in 0..SLOTS {
-                for (i, map) in self.model.maps.iter().enumerate() {
-                    let expected = map.get(&slot).copied().unwrap_or_default();
-                    let rows = store.read(slot);
-                    let got: [f64; COLUMNS] = std::array::from_fn(|c| rows.column(c)[i]);
-                    assert_eq!(got.map(f64::to_bits), expected.map(f64::to_bits), "{kind:?} slot {slot} particle {i}");
-                    let mut row = [0.0; COLUMNS];
-                    let present = store.read_row(slot, i, &mut row);
-                    assert_eq!(present, map.contains_key(&slot), "{kind:?} slot {slot} particle {i}");
-                    assert!(!present || row == expected);
-                    seen += 1;
-                }
+            let holders = self.model.maps.iter().filter(|map| map.contains_key(&slot)).count();
+            assert_eq!(store.holders(slot), holders, "{kind:?} slot {slot}");
+            for (i, map) in self.model.maps.iter().enumerate() {
+                let expected = map.get(&slot).copied().unwrap_or_default();
+                // Before `read`, which may leave behind what the second look at the same row finds.
+                let mut row = [0.0; COLUMNS];
+                let present = store.read_row(slot, i, &mut row);
+                assert_eq!(present, map.contains_key(&slot), "{kind:?} slot {slot} particle {i}");
+                assert!(!present || row == expected, "{kind:?} slot {slot} particle {i}: {row:?}, not {expected:?}");
+                let rows = store.read(slot);
+                let got: [f64; COLUMNS] = std::array::from_fn(|c| rows.column(c)[i]);
+                assert_eq!(got.map(f64::to_bits), expected.map(f64::to_bits), "{kind:?} slot {slot} particle {i}");
+                seen += 1;
             }
         }
         seen
@@ -157,9 +188,24 @@ proptest! {
     #[test]
     fn stores_agree_after_any_sequence_of_operations(
         particles in 1_usize..8,
-        operations in prop::collection::vec(any_operation(), 1..60),
+        operations in prop::collection::vec(any_operation(12, 1..9), 1..60),
     ) {
-        let mut population = Population::new(particles);
+        let mut population = Population::new(particles, 12);
+        for operation in &operations {
+            population.apply(operation);
+        }
+        prop_assert!(population.check() > 0);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { max_shrink_iters: 2_000, ..ProptestConfig::with_cases(12) })]
+    #[test]
+    fn stores_agree_over_long_runs_with_many_particles(
+        particles in 16_usize..65,
+        operations in prop::collection::vec(any_operation(90, 16..65), 1_500..3_000),
+    ) {
+        let mut population = Population::new(particles, 90);
         for operation in &operations {
             population.apply(operation);
         }

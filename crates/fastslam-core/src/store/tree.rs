@@ -245,7 +245,12 @@ impl LandmarkStore for TreeStore {
         leaf != NONE
     }
 
+    fn holders(&mut self, slot: u32) -> usize {
+        self.roots.iter().filter(|&&root| self.find(root, slot) != NONE).count()
+    }
+
     fn update(&mut self, slot: u32, changed: Option<&[bool]>, change: &mut dyn FnMut(RowsMut<'_>)) {
+        self.grow_for(slot);
         self.gather(slot);
         let mut values = std::mem::take(&mut self.scratch);
         let rows = self.roots.len();

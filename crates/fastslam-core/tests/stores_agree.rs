@@ -1,0 +1,81 @@
+//! Whole runs give the same bits whichever store holds the maps.
+
+use fastslam_core::config::{Algorithm, AssociationMode, Config};
+use fastslam_core::error::Result;
+use fastslam_core::filter::{FastSlam, Identities, Sighting};
+use fastslam_core::geometry::Pose;
+use fastslam_core::math::wrap_angle;
+use fastslam_core::random::{Purpose, RandomSource};
+use fastslam_core::store::StoreKind;
+
+const STEPS: u64 = 240;
+const DT_S: f64 = 0.2;
+/// Forward and sideways speed, turning rate: a little more than a circle of 6.7 m radius.
+const CONTROL: [f64; 3] = [1.0, 0.0, 0.15];
+
+/// The sightings of all landmarks of a grid that a robot on the circle has within 5 m.
+fn sightings(step: u64, T_world_robot: Pose) -> Vec<Sighting> {
+    let noise = RandomSource::new(3).stream(Purpose::Simulation, step);
+    let mut seen = Vec::new();
+    for identity in 0..144_u32 {
+        let at = [f64::from(identity % 12) * 2.5 - 13.0, f64::from(identity / 12) * 2.5 - 7.0];
+        let (dx, dy) = (at[0] - T_world_robot.x, at[1] - T_world_robot.y);
+        if dx.hypot(dy) < 5.0 && !step.is_multiple_of(5) {
+            let [range, bearing] = noise.normal_pair(identity, 0);
+            let bearing = wrap_angle(dy.atan2(dx) - T_world_robot.heading) + 0.02 * bearing;
+            seen.push(Sighting::range_bearing(dx.hypot(dy) + 0.1 * range, bearing, Some(identity)));
+        }
+    }
+    seen
+}
+
+/// All that a run says, as bits; and how often it resampled.
+fn run(config: &Config) -> Result<(Vec<u64>, usize)> {
+    let identities = if config.association.mode == AssociationMode::Known { Identities::All } else { Identities::None };
+    let mut filter = FastSlam::new(config.clone(), identities)?;
+    let (mut said, mut resampled) = (Vec::new(), 0);
+    let mut truth = Pose::new(0.0, 0.0, 0.0);
+    for step in 0..STEPS {
+        truth = truth.compose(Pose::new(CONTROL[0] * DT_S, 0.0, CONTROL[2] * DT_S));
+        filter.predict([1.0, 0.15, 0.0], DT_S)?;
+        let info = filter.update(step as f64 * DT_S, &sightings(step, truth))?;
+        resampled += usize::from(info.resampled);
+        let pose = filter.pose().mean;
+        said.extend([pose.x, pose.y, pose.heading, info.log_likelihood].map(f64::to_bits));
+    }
+    for landmark in filter.map().landmarks {
+        let c = landmark.covariance;
+        said.push(landmark.birth);
+        said.extend([landmark.mean[0], landmark.mean[1], c.xx, c.xy, c.yy].map(f64::to_bits));
+    }
+    for (birth, mean, c) in filter.map_of(0) {
+        said.push(birth);
+        said.extend([mean[0], mean[1], c.xx, c.xy, c.yy].map(f64::to_bits));
+    }
+    Ok((said, resampled))
+}
+
+#[test]
+fn dense_tree_and_lineage_give_the_same_bits_over_whole_runs() {
+    let mut compared = 0;
+    for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
+        for mode in [AssociationMode::Known, AssociationMode::Unknown] {
+            for threshold in [0.0, 0.5, 1.0] {
+                let mut config = Config { seed: 9, algorithm, ..Config::default() };
+                config.filter.particles = 30;
+                config.filter.resampling.threshold = threshold;
+                config.association.mode = mode;
+                config.filter.store = StoreKind::Dense;
+                let (expected, resampled) = run(&config).unwrap();
+                assert_eq!(resampled > 10, threshold > 0.0, "{algorithm:?} {mode:?} {threshold}: {resampled}");
+                assert!(expected.len() > 4 * STEPS as usize + 2 * 6 * 30, "a map worth comparing");
+                for store in [StoreKind::Tree, StoreKind::Lineage] {
+                    config.filter.store = store;
+                    assert!(run(&config).unwrap().0 == expected, "{store:?} {algorithm:?} {mode:?} {threshold}");
+                    compared += 1;
+                }
+            }
+        }
+    }
+    assert_eq!(compared, 24);
+}
