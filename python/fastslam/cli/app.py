@@ -15,6 +15,7 @@ from .evaluate import evaluate_results
 from .info import info
 from .run import run_log
 from .simulate import simulate_log
+from .sweep import sweep
 
 app = typer.Typer(
     name="fastslam",
@@ -30,6 +31,7 @@ app.command("run")(run_log)
 app.command("simulate")(simulate_log)
 app.command("eval")(evaluate_results)
 app.command("info")(info)
+app.command("sweep")(sweep)
 app.add_typer(config_app, name="config")
 app.add_typer(datasets_app, name="datasets")
 
