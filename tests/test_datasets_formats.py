@@ -92,6 +92,33 @@ def freiburg(base: Path) -> Path:
     return write(base / "freiburg", files)
 
 
+def victoria_scans(base: Path) -> Path:
+    """Two scans in one line: nothing hit but a trunk ahead, at half a turn of the beams."""
+    scan = ["81.91"] * 361
+    scan[178:183] = ["10.05", "10.01", "10.00", "10.01", "10.05"]
+    files = {
+        "LASER.txt": " ".join(["0.5", *scan, "0.7", *scan]),
+        "DRS.txt": "0.4 1.0 0.1\n0.6 1.0 0.1\n0.8 1.0 0.1\n",
+        "GPS.txt": "0.0 1.0 2.0\n",
+    }
+    return write(base / "ascii_2003", files)
+
+
+def car_park(base: Path, *, run: int = 3) -> Path:
+    """Two scans with a post at 9.00 m 45 degrees to the right, and one surveyed post."""
+    folder = write(base / "car_park", {"derived_posts.csv": "post,east_m,north_m\n1,2.5,-3.5\n"})
+    laser = np.full((2, 361), 8191, dtype=np.uint16)
+    laser[:, 90] = (3 << 13) | 900
+    rows = [[1000, 0, 0, 2022, 0, 100], [1025, 0, 0, 2022, 0, 100]]
+    gps = np.zeros((2, 13))
+    gps[:, 0], gps[:, 2], gps[:, 3] = (1000, 1200), 33.8884, 151.1948
+    scipy.io.savemat(folder / f"juan{run}_etc.mat", {"SENSORS": np.array(rows, dtype=np.int32)})
+    stamps = np.array([[1000], [1213]], dtype=np.uint32)
+    scipy.io.savemat(folder / f"juan{run}_lsr2.mat", {"LASER": laser, "TLsr": stamps})
+    scipy.io.savemat(folder / f"juan{run}_gps.mat", {"GPS": gps})
+    return folder
+
+
 MAKERS: dict[str, Callable[[Path], Path]] = {
     "native": native,
     "utias": utias,
@@ -99,6 +126,8 @@ MAKERS: dict[str, Callable[[Path], Path]] = {
     "victoria_park": victoria_park,
     "city_trees10000": city_trees,
     "freiburg": freiburg,
+    "victoria_scans": victoria_scans,
+    "car_park": car_park,
 }
 
 
@@ -339,3 +368,45 @@ def test_damage_gives_a_log_or_a_one_line_error(tmp_path: Path, name: str) -> No
             outcomes["error"] += 1
         file.write_bytes(content)
     assert min(outcomes.values()) > 0, outcomes
+
+
+def test_victoria_scans_are_cut_from_one_line(tmp_path: Path) -> None:
+    folder = victoria_scans(tmp_path)
+    log = load(folder)
+    assert log.scans is not None and log.scans.ranges_m.shape == (2, 361)
+    assert log.scans.stamp_s.tolist() == [0.5, 0.7]
+    assert log.position_fixes is not None and log.position_fixes.position_m.tolist() == [[2.0, 1.0]]
+    text = (folder / "LASER.txt").read_text(encoding="utf-8")
+    for broken, message in (
+        (text[:-9], "1 scans of 362 numbers and"),
+        (text.replace("10.00", "ten"), "no number"),
+        (text.replace("0.7", "0.3"), "scan 1 is not later"),
+    ):
+        (folder / "LASER.txt").write_text(broken, encoding="utf-8")
+        with pytest.raises(DataError, match=rf"LASER\.txt: .*{message}"):
+            load(folder)
+
+
+def test_car_park_is_converted_to_metres_and_radians(tmp_path: Path) -> None:
+    log = load(car_park(tmp_path))
+    assert log.scans is not None and log.scans.intensities is not None
+    assert log.scans.ranges_m[0, 90] == np.float32(9.0) and log.scans.intensities[0, 90] == 3.0
+    assert log.scans.ranges_m[0, 0] >= log.scans.geometry.max_range_m
+    np.testing.assert_allclose(log.controls.values[0], [100 * 0.024970 * 0.79, 0.0042])
+    assert log.truth_trajectory is not None and not log.truth_trajectory.heading_known
+    np.testing.assert_allclose(log.truth_trajectory.T_world_robot[:, :2], 0.0, atol=1e-6)
+    assert log.truth_landmarks is not None and not log.truth_landmarks.complete
+
+
+def test_car_park_faults_name_the_file(tmp_path: Path) -> None:
+    folder = car_park(tmp_path)
+    with pytest.raises(DataError, match=r"juan1_etc\.mat: the file is missing"):
+        load(folder, run=1)
+    scipy.io.savemat(
+        folder / "juan3_lsr2.mat", {"LASER": np.zeros((2, 7), np.uint16), "TLsr": np.zeros((2, 1))}
+    )
+    with pytest.raises(DataError, match=r"juan3_lsr2\.mat: LASER: got shape \(2, 7\), expected rows of 361"):
+        load(folder)
+    (folder / "juan3_etc.mat").write_bytes(b"no MATLAB file")
+    with pytest.raises(DataError, match=r"juan3_etc\.mat: is no readable MATLAB file"):
+        load(folder)

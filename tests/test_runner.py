@@ -8,8 +8,8 @@ from typing import Any
 import fastslam
 import numpy as np
 import pytest
+from fastslam.datasets.clean import no_sightings
 from fastslam.errors import ConfigError, DataError
-from fastslam.log import Sightings
 from fastslam.result import RunResult
 from fastslam.runner import configure, run, run_many
 from small_log import LANDMARKS_M, make_small_log
@@ -100,7 +100,7 @@ def test_run_many_counts_over_all_runs_and_stops_after_an_interrupt() -> None:
 
 def test_log_without_sightings_gives_a_path_and_no_map() -> None:
     log = make_small_log()
-    none = Sightings(*(getattr(log.sightings, name)[:0] for name in Sightings.__dataclass_fields__))
+    none = no_sightings()
     result = run(replace(log, sightings=none), FEW)
     assert len(result.landmarks.ids) == 0
     assert len(result.trajectory.stamp_s) > 10

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from .log import Floats, Ints
+from .log import Floats, Ints, Ranges
 
 __version__: str
 build_profile: str
@@ -45,6 +45,22 @@ def run(
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
     """Runs the filter over a log. ValueError for a bad log, RuntimeError when the filter cannot go on."""
+
+def detector_schema() -> str:
+    """The JSON Schema of the settings of the detectors."""
+
+def resolve_detector(json: str) -> str:
+    """As `resolve_config`, for the settings of the detectors."""
+
+def detect(
+    config_json: str,
+    geometry_json: str,
+    stamp_s: Floats,
+    ranges_m: Ranges,
+    intensities: Ranges | None = None,
+    twists: Floats | None = None,
+) -> dict[str, Any]:
+    """Finds landmarks in scans; returns columns by name. ValueError for a geometry that makes no sense."""
 
 class Filter:
     """The filter, one control and one scan at a time."""

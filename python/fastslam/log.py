@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Ranges = NDArray[np.float32] | NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,8 @@ class Sightings:
 
     Shapes: all (S,). `identity` indexes `Log.identity_names`; -1 where nobody says which landmark it is.
     `class_index` indexes `Log.class_names` (-1: none); `signature` is a scalar such as a trunk's diameter in
-    metres (NaN: none).
+    metres (NaN: none). `covariance` (S, 3) is that of each range and bearing, as (m², m·rad, rad²), where the
+    source of the sightings knows it; None or NaN leaves it to the sensor settings.
     """
 
     stamp_s: Floats
@@ -44,6 +46,7 @@ class Sightings:
     identity: Ints
     class_index: Ints
     signature: Floats
+    covariance: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,40 @@ class PositionFixes:
 
 
 @dataclass(frozen=True)
+class BeamGeometry:
+    """Where the beams of a planar laser point and how far they reach.
+
+    Beam i points at `first_angle_rad + i * angle_step_rad`, counter-clockwise from straight ahead of the
+    sensor. `beam_period_s` is the time from one beam to the next, where it is known and motion within a scan
+    is to be corrected.
+    """
+
+    first_angle_rad: float
+    angle_step_rad: float
+    min_range_m: float
+    max_range_m: float
+    beam_period_s: float | None = None
+
+
+@dataclass(frozen=True)
+class Scans:
+    """Laser scans, in time order; `stamp_s` is the time of beam 0.
+
+    Shapes: `stamp_s` (N,), `ranges_m` (N, B) in 32 or 64 bits, `intensities` the same or None. A range of
+    infinity or of `geometry.max_range_m` and more says that nothing was hit; NaN, zero or less that nothing
+    is known. `mounting` is (x_m, y_m, yaw_rad), the pose of the sensor in the robot's frame. `detector` holds
+    the detector settings that suit these scans.
+    """
+
+    stamp_s: Floats
+    ranges_m: Ranges
+    geometry: BeamGeometry
+    intensities: Ranges | None = None
+    mounting: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    detector: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Problem:
     """Something found while reading: what, where, and how many rows were skipped or repaired for it."""
 
@@ -105,6 +142,8 @@ class Log:
     truth_trajectory: TruthTrajectory | None = None
     truth_landmarks: TruthLandmarks | None = None
     position_fixes: PositionFixes | None = None
+    scans: Scans | None = None
+    """Laser scans, from which `fastslam.detection.detect` makes sightings."""
     config: dict[str, Any] = field(default_factory=dict)
     """The log's own settings (`motion`, `sensor`, `association`, ...): a partial configuration."""
     problems: tuple[Problem, ...] = ()

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 from . import _core
 from .config import Config
 from .datasets.registry import load
+from .detection import with_sightings
 from .errors import ConfigError, DataError, NumericalError
 from .filter import landmark_map
 from .log import Log
@@ -43,13 +44,15 @@ def run(
 ) -> RunResult:
     """Runs the filter over a log, given as such or as a path (`format` and `robot` as for `datasets.load`).
 
+    Where the log has laser scans and no sightings, landmarks are detected in the scans first.
+
     `config` is laid over the log's own settings and the defaults. A KeyboardInterrupt, Ctrl-C for one, stops
     the run: what was computed until then is returned with `interrupted` set.
 
     Errors: `DataError` for the log, `ConfigError` for the configuration, `NumericalError` when the filter
     cannot go on.
     """
-    log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
+    log = with_sightings(source if isinstance(source, Log) else load(source, format=format, robot=robot))
     configuration = configure(log, config or {})
     controls, sightings = log.controls, log.sightings
     try:
@@ -61,6 +64,7 @@ def run(
             sightings.range_m,
             sightings.bearing_rad,
             sightings.identity,
+            noise=sightings.covariance,
             progress=progress,
         )
     except ValueError as error:

@@ -146,11 +146,13 @@ impl Symmetric2 {
 pub type Matrix3 = [[f64; 3]; 3];
 
 /// A B.
+#[inline(always)]
 pub fn multiply3(a: &Matrix3, b: &Matrix3) -> Matrix3 {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
 }
 
 /// J S Jᵀ.
+#[inline(always)]
 pub fn transform3(j: &Matrix3, s: &Matrix3) -> Matrix3 {
     let js = multiply3(j, s);
     std::array::from_fn(|i| std::array::from_fn(|k| (0..3).map(|l| js[i][l] * j[k][l]).sum()))

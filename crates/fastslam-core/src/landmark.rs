@@ -7,6 +7,7 @@ use crate::geometry::{Pose, Symmetric2};
 use crate::math;
 use crate::measurement::MeasurementModel;
 use crate::store::{Rows, RowsMut};
+use crate::vector::vectorized;
 
 /// What the columns of a landmark's rows hold.
 pub mod column {
@@ -59,10 +60,18 @@ impl SensorPoses {
             column.clear();
             column.resize(x.len(), 0.0);
         }
-        for i in 0..x.len() {
-            let sensor = Pose::new(x[i], y[i], heading[i]).compose(T_robot_sensor);
-            (self.x[i], self.y[i], self.heading[i]) = (sensor.x, sensor.y, sensor.heading);
-        }
+        let n = x.len();
+        let (y, heading) = (&y[..n], &heading[..n]);
+        let (out_x, out_y, out_heading) = (&mut self.x[..n], &mut self.y[..n], &mut self.heading[..n]);
+        vectorized(
+            #[inline(always)]
+            || {
+                for i in 0..n {
+                    let sensor = Pose::new(x[i], y[i], heading[i]).compose(T_robot_sensor);
+                    (out_x[i], out_y[i], out_heading[i]) = (sensor.x, sensor.y, sensor.heading);
+                }
+            },
+        );
     }
 
     /// `T_world_sensor` of one particle.
@@ -211,29 +220,56 @@ pub struct Measured {
     pub tail: Tail,
 }
 
-/// Corrects a landmark in all maps (those in `mask`), adding one to its sightings, and gives the log-likelihood of the
-/// sighting to `weigh(particle, log_likelihood)`.
-#[inline(always)]
+/// Corrects a landmark in all maps (those in `mask`), adding one to its sightings, and adds the log-likelihood of the
+/// sighting before the correction to `log_likelihood`.
 pub fn correct_rows<M: MeasurementModel>(
     model: &M,
     poses: &SensorPoses,
     measured: Measured,
     rows: RowsMut<'_>,
     mask: Option<&[bool]>,
-    mut weigh: impl FnMut(usize, f64),
+    log_likelihood: &mut [f64],
 ) {
-    let [count, mean_x, mean_y, xx, xy, yy] = rows.columns::<{ column::COUNT }>();
-    let n = count.len();
-    for i in 0..n {
-        if count[i] == 0.0 || mask.is_some_and(|mask| !mask[i]) {
-            continue;
+    match mask {
+        None => vectorized(
+            #[inline(always)]
+            || correct_where(model, poses, measured, rows, |_| true, log_likelihood),
+        ),
+        Some(mask) => {
+            let mask = &mask[..log_likelihood.len()];
+            vectorized(
+                #[inline(always)]
+                || correct_where(model, poses, measured, rows, |i| mask[i], log_likelihood),
+            );
         }
-        let landmark = Gaussian { mean: [mean_x[i], mean_y[i]], covariance: Symmetric2::new(xx[i], xy[i], yy[i]) };
-        let (after, fit) = correct(model, poses.get(i), measured, landmark);
-        count[i] += 1.0;
-        [mean_x[i], mean_y[i]] = after.mean;
-        (xx[i], xy[i], yy[i]) = (after.covariance.xx, after.covariance.xy, after.covariance.yy);
-        weigh(i, fit.log_likelihood);
+    }
+}
+
+#[inline(always)]
+fn correct_where<M: MeasurementModel>(
+    model: &M,
+    poses: &SensorPoses,
+    measured: Measured,
+    rows: RowsMut<'_>,
+    chosen: impl Fn(usize) -> bool,
+    log_likelihood: &mut [f64],
+) {
+    let n = log_likelihood.len();
+    let [count, mean_x, mean_y, xx, xy, yy] = rows.columns::<{ column::COUNT }>().map(|c| &mut c[..n]);
+    let (x, y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
+    for i in 0..n {
+        let before = Gaussian { mean: [mean_x[i], mean_y[i]], covariance: Symmetric2::new(xx[i], xy[i], yy[i]) };
+        let (after, fit) = correct(model, Pose::new(x[i], y[i], heading[i]), measured, before);
+        // Selections in place of branches: the loop must stay a straight line to become vector code.
+        let active = (count[i] != 0.0) & chosen(i);
+        let pick = |new: f64, old: f64| if active { new } else { old };
+        count[i] = pick(count[i] + 1.0, count[i]);
+        mean_x[i] = pick(after.mean[0], before.mean[0]);
+        mean_y[i] = pick(after.mean[1], before.mean[1]);
+        xx[i] = pick(after.covariance.xx, before.covariance.xx);
+        xy[i] = pick(after.covariance.xy, before.covariance.xy);
+        yy[i] = pick(after.covariance.yy, before.covariance.yy);
+        log_likelihood[i] += pick(fit.log_likelihood, 0.0);
     }
 }
 

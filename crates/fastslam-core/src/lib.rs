@@ -5,6 +5,7 @@
 
 pub mod association;
 pub mod config;
+pub mod detect;
 pub mod ekf_slam;
 pub mod error;
 pub mod filter;
@@ -22,4 +23,5 @@ pub mod slam;
 pub mod store;
 pub mod testing;
 pub mod timeline;
+pub mod vector;
 pub mod weights;

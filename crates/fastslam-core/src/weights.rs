@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::math;
+use crate::vector::{self, vectorized};
 
 /// Normalised weights of the particles with what their sum says.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -24,13 +25,23 @@ impl Weights {
             return Err(Error::AllWeightsZero { step });
         }
         self.values.clear();
-        self.values.extend(log_weight.iter().map(|&w| if w.is_nan() { 0.0 } else { math::exp(w - maximum) }));
-        let sum: f64 = self.values.iter().sum();
-        let mut squares = 0.0;
-        for value in &mut self.values {
-            *value /= sum;
-            squares += *value * *value;
-        }
+        let n = log_weight.len();
+        self.values.resize(n, 0.0);
+        let values = &mut self.values[..n];
+        let (sum, squares) = vectorized(
+            #[inline(always)]
+            || {
+                for i in 0..n {
+                    let w = log_weight[i];
+                    values[i] = if w.is_nan() { 0.0 } else { math::exp(w - maximum) };
+                }
+                let sum = vector::sum(n, |i| values[i]);
+                for i in 0..n {
+                    values[i] /= sum;
+                }
+                (sum, vector::sum(n, |i| values[i] * values[i]))
+            },
+        );
         self.effective_sample_size = 1.0 / squares;
         self.log_mean = maximum + math::ln(sum / log_weight.len() as f64);
         Ok(())

@@ -2,6 +2,7 @@
 
 mod arrays;
 mod config;
+mod detect;
 mod filter;
 mod run;
 mod settings;
@@ -19,5 +20,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(config::control_columns, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
     module.add_class::<filter::Filter>()?;
+    detect::register(module)?;
     simulation::register(module)
 }

@@ -4,6 +4,7 @@
 //! simulation, which scan, which landmark): one seed is one log, and changing the sensor leaves the world, the path and
 //! the noise of the odometry as they were.
 
+pub mod arena;
 mod config;
 mod draws;
 mod grid;

@@ -64,9 +64,17 @@ def clean_sightings(sightings: Sightings, *, path: Path) -> tuple[Sightings, tup
             identity=kept.identity,
             class_index=kept.class_index,
             signature=signature,
+            covariance=kept.covariance,
         ),
         tuple(problems),
     )
+
+
+def no_sightings() -> Sightings:
+    """The sightings of a log that has only scans."""
+    numbers: Floats = np.empty(0)
+    indices: Ints = np.empty(0, dtype=np.int64)
+    return Sightings(numbers, numbers, numbers, indices, indices, numbers)
 
 
 def select_sightings(sightings: Sightings, chosen: Bools | Ints) -> Sightings:
@@ -78,6 +86,7 @@ def select_sightings(sightings: Sightings, chosen: Bools | Ints) -> Sightings:
         identity=sightings.identity[chosen],
         class_index=sightings.class_index[chosen],
         signature=sightings.signature[chosen],
+        covariance=None if sightings.covariance is None else sightings.covariance[chosen],
     )
 
 

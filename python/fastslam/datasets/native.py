@@ -20,10 +20,12 @@ from ..log import (
     TruthLandmarks,
     TruthTrajectory,
 )
-from .clean import clean_controls, clean_sightings
+from .clean import clean_controls, clean_sightings, no_sightings
 from .csv_table import CsvTable, check_columns, read_csv
 from .options import LoadOptions
 from .planar import increments_between
+from .scans_file import NAME as SCANS
+from .scans_file import read_scans
 from .text import line_of_row, read_table, read_text
 
 FILES = ("log.yaml", "odometry.csv", "sightings.csv")
@@ -50,12 +52,16 @@ def matches(path: Path) -> bool:
 def load(path: Path, options: LoadOptions) -> Log:
     """Read a native log. Errors: DataError with file and line for what a person must repair."""
     path = _folder(path)
+    scans, scan_problems = read_scans(path / SCANS)
+    only_scans = scans is not None and not (path / "sightings.csv").is_file()
     for name in FILES:
-        if not (path / name).is_file():
+        if not (path / name).is_file() and not (only_scans and name == "sightings.csv"):
             raise DataError(f"the file {name} of a native log is missing", path)
     settings = _read_settings(path / "log.yaml")
     controls, control_problems = _read_controls(path / "odometry.csv", settings["motion"]["model"])
-    sightings, identity_names, class_names, problems = _read_sightings(path / "sightings.csv")
+    sightings, identity_names, class_names, problems = (
+        (no_sightings(), (), (), ()) if only_scans else _read_sightings(path / "sightings.csv")
+    )
     trajectory, truth_problems = _read_trajectory(path / "truth_trajectory.tum")
     return Log(
         name=str(settings.get("name", path.resolve().name)),
@@ -70,8 +76,13 @@ def load(path: Path, options: LoadOptions) -> Log:
             path / "truth_landmarks.csv", settings.get("truth_landmarks_complete", True)
         ),
         position_fixes=_read_fixes(path / "position_fixes.csv"),
+        scans=scans,
         config={key: settings[key] for key in CONFIG_KEYS if key in settings},
-        problems=control_problems + problems + _clock_problems(controls, sightings) + truth_problems,
+        problems=control_problems
+        + problems
+        + scan_problems
+        + _clock_problems(controls, sightings)
+        + truth_problems,
     )
 
 
@@ -170,6 +181,8 @@ def _read_sightings(
 
 def _clock_problems(controls: Controls, sightings: Sightings) -> tuple[Problem, ...]:
     """Says so where no sighting lies within the time of the odometry: usually two clocks or two units."""
+    if len(sightings.stamp_s) == 0:
+        return ()
     first_s, last_s = controls.stamp_s[0], controls.stamp_s[-1]
     if sightings.stamp_s[-1] >= first_s and sightings.stamp_s[0] <= last_s:
         return ()

@@ -13,6 +13,8 @@ import numpy as np
 from .._yaml import write_yaml
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
+from .scans_file import NAME as SCANS
+from .scans_file import write_scans
 
 HEADERS = {
     "velocity": ("stamp_s", "speed_m_per_s", "yaw_rate_rad_per_s"),
@@ -34,7 +36,10 @@ def write_native(log: Log, folder: Path | str) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     odometry = np.column_stack([log.controls.stamp_s, log.controls.values])
     _write_csv(folder / "odometry.csv", HEADERS[log.config["motion"]["model"]], odometry.tolist())
-    _write_sightings(log, folder / "sightings.csv")
+    if log.scans is not None:
+        write_scans(log.scans, folder / SCANS)
+    if log.scans is None or len(log.sightings.stamp_s) > 0:
+        _write_sightings(log, folder / "sightings.csv")
     if log.truth_trajectory is not None:
         _write_atomically(folder / "truth_trajectory.tum", _tum(log.truth_trajectory))
     if log.truth_landmarks is not None:

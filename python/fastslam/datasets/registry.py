@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..log import Log
-from . import city_trees, freiburg, lost_in_the_woods, native, utias, victoria_park
+from . import car_park, city_trees, freiburg, lost_in_the_woods, native, utias, victoria_park, victoria_scans
 from .options import LoadOptions
 
 
@@ -57,6 +57,19 @@ FORMATS: dict[str, DatasetFormat] = {
             "Victoria Park folder with the extracted tree features",
             victoria_park.matches,
             victoria_park.load,
+        ),
+        DatasetFormat(
+            "victoria_scans",
+            "Victoria Park folder ascii_2003 with the raw laser scans",
+            victoria_scans.matches,
+            victoria_scans.load,
+        ),
+        DatasetFormat(
+            "car_park",
+            "folder of the Sydney car park with raw runs (juan3_*.mat)",
+            car_park.matches,
+            car_park.load,
+            frozenset({"run"}),
         ),
         DatasetFormat(
             "city_trees10000",

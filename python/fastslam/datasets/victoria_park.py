@@ -56,7 +56,7 @@ def load(path: Path, options: LoadOptions) -> Log:
         controls=controls,
         sightings=sightings,
         position_fixes=PositionFixes(fixes[:, 0], fixes[:, 1:]),
-        config=_config(),
+        config=configuration(),
         problems=control_problems + sighting_problems,
     )
 
@@ -66,7 +66,7 @@ def _folder(path: Path) -> Path:
     return inner if inner.is_dir() else path
 
 
-def _config() -> dict[str, Any]:
+def configuration() -> dict[str, Any]:
     """Geometry as the authors measured it; noise as in trials that reached the published accuracy."""
     return {
         "motion": {

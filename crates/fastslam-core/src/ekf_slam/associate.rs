@@ -14,6 +14,10 @@ struct JointHypothesis<'a, M> {
 }
 
 impl<M: MeasurementModel> Hypothesis for JointHypothesis<'_, M> {
+    fn pose_is_certain(&self) -> bool {
+        false
+    }
+
     fn fit(&self, candidate: u32, measured: &Measured) -> Option<Fit> {
         let view = self.filter.view(candidate, measured);
         Some(fit_with_tail(view.innovation, view.s, measured.tail))

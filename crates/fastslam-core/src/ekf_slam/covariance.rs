@@ -5,6 +5,7 @@
 //! pass over the tiles, so that the work is bound by arithmetic. The result is that of the plain update to rounding.
 
 use crate::geometry::{transform3, Matrix3};
+use crate::vector::vectorized;
 
 /// Rows and columns of a tile.
 pub const TILE: usize = 8;
@@ -137,8 +138,7 @@ impl Covariance {
         self.pending += 2;
         if self.pending == MOST_PENDING {
             let (tiles, vectors) = (&mut self.tiles, &self.vectors);
-            // The closure is compiled for the widest registers of the machine; no operation is fused or reordered.
-            pulp::Arch::new().dispatch(|| subtract_all(tiles, vectors));
+            vectorized(|| subtract_all(tiles, vectors));
             self.vectors.fill(0.0);
             self.pending = 0;
         }

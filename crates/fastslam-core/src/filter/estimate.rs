@@ -1,9 +1,10 @@
 //! What the particles say together: the pose and the map, with the uncertainty of the whole mixture.
 
-use super::{mixture, FastSlam};
+use super::{mixture, FastSlam, Particles};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
+use crate::vector::vectorized;
 
 /// A landmark of the estimated map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,14 +31,25 @@ pub struct MapEstimate {
 impl<M: MeasurementModel> FastSlam<M> {
     /// The pose as the particles stand.
     pub(super) fn estimate_particles(&mut self) {
-        let particles = &self.particles;
-        self.estimate = mixture(&self.weights.values, |i| (particles.pose(i), [[0.0; 3]; 3]));
+        let weights = &self.weights.values;
+        let n = weights.len();
+        let Particles { x, y, heading, .. } = &self.particles;
+        let (x, y, heading) = (&x[..n], &y[..n], &heading[..n]);
+        self.estimate = vectorized(
+            #[inline(always)]
+            || mixture(weights, |i| (Pose::new(x[i], y[i], heading[i]), [[0.0; 3]; 3])),
+        );
     }
 
     /// The pose with the motion since the last sampling.
     pub(super) fn estimate_beliefs(&mut self) {
-        let beliefs = self.beliefs();
-        self.estimate = mixture(&self.weights.values, |i| (beliefs[i].mean, beliefs[i].covariance));
+        self.believe();
+        self.estimate_from_beliefs();
+    }
+
+    /// The pose as the beliefs have it.
+    pub(super) fn estimate_from_beliefs(&mut self) {
+        self.estimate = self.beliefs.mixture(&self.weights.values);
     }
 
     /// Weights are equal after resampling.

@@ -3,7 +3,7 @@
 use super::scan::ScanSighting;
 use super::{FastSlam, StepInfo};
 use crate::error::Result;
-use crate::landmark::{correct_rows, first_rows, gaussian_in};
+use crate::landmark::{correct_rows, first_rows};
 use crate::measurement::MeasurementModel;
 
 impl<M: MeasurementModel> FastSlam<M> {
@@ -12,21 +12,15 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// **Source:** `montemerlo2002fastslam`, sections 3.1 and 3.2.
     pub(super) fn step_identified_1(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> Result<()> {
         self.place_sensors();
-        let exponent = self.rules.likelihood_exponent;
+        self.clear_log_likelihood();
         for sighting in scan {
             let Some(slot) = self.known_slot(sighting) else {
                 self.insert_for_all(sighting, info);
                 continue;
             };
-            let (log_weight, score) = (&mut self.particles.log_weight, &mut self.particles.score);
-            let (model, poses) = (&self.model, &self.sensor_poses);
-            self.landmarks.update(slot, None, |rows| {
-                correct_rows(model, poses, sighting.measured, rows, None, |i, log_likelihood| {
-                    log_weight[i] += exponent * log_likelihood;
-                    score[i] += exponent * log_likelihood;
-                });
-            });
+            self.correct_all(slot, sighting);
         }
+        self.weigh();
         let before = self.weights.log_mean;
         self.weights_now()?;
         info.log_likelihood += self.weights.log_mean - before;
@@ -43,31 +37,46 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// sampled pose, so resampling comes first and copies of one ancestor get different poses. The landmarks are
     /// corrected at the sampled pose, not at the predicted one as eq. 17 prints it: only that converges.
     pub(super) fn step_identified_2(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> Result<()> {
-        let mut beliefs = self.beliefs();
-        let exponent = self.rules.likelihood_exponent;
+        self.believe();
+        self.clear_log_likelihood();
         for sighting in scan {
             let Some(slot) = self.known_slot(sighting) else { continue };
             let rows = self.landmarks.read(slot);
-            for (i, belief) in beliefs.iter_mut().enumerate() {
-                if let Some(landmark) = gaussian_in(&rows, i) {
-                    let fit = belief.refine(&self.model, self.T_robot_sensor, &landmark, &sighting.measured);
-                    self.particles.log_weight[i] += exponent * fit.log_likelihood;
-                    self.particles.score[i] += exponent * fit.log_likelihood;
-                }
-            }
+            let log_likelihood = &mut self.log_likelihood;
+            self.beliefs.refine(&self.model, self.T_robot_sensor, &sighting.measured, &rows, log_likelihood);
         }
-        self.weigh_resample_sample(&mut beliefs, &mut [], info)?;
+        self.weigh();
+        self.weigh_resample_sample(&mut [], info)?;
         for sighting in scan {
             let Some(slot) = self.known_slot(sighting) else {
                 self.insert_for_all(sighting, info);
                 continue;
             };
-            let (model, poses) = (&self.model, &self.sensor_poses);
-            self.landmarks.update(slot, None, |rows| {
-                correct_rows(model, poses, sighting.measured, rows, None, |_, _| ());
-            });
+            self.correct_all(slot, sighting);
         }
         Ok(())
+    }
+
+    /// Corrects a landmark in every map and adds to the log-likelihoods of the step.
+    fn correct_all(&mut self, slot: u32, sighting: &ScanSighting) {
+        let (model, poses, log_likelihood) = (&self.model, &self.sensor_poses, &mut self.log_likelihood);
+        self.landmarks.update(slot, None, |rows| {
+            correct_rows(model, poses, sighting.measured, rows, None, log_likelihood);
+        });
+    }
+
+    fn clear_log_likelihood(&mut self) {
+        self.log_likelihood.clear();
+        self.log_likelihood.resize(self.particles.len(), 0.0);
+    }
+
+    /// Multiplies the weights by the likelihoods of the step.
+    fn weigh(&mut self) {
+        let exponent = self.rules.likelihood_exponent;
+        for (i, log_likelihood) in self.log_likelihood.iter().enumerate() {
+            self.particles.log_weight[i] += exponent * log_likelihood;
+            self.particles.score[i] += exponent * log_likelihood;
+        }
     }
 
     fn known_slot(&self, sighting: &ScanSighting) -> Option<u32> {

@@ -133,6 +133,11 @@ impl Landmarks {
         }
     }
 
+    /// Maps that hold a landmark.
+    pub fn holders(&mut self, slot: u32) -> usize {
+        self.store.holders(slot)
+    }
+
     /// The rows of a landmark in particle order.
     pub fn read(&mut self, slot: u32) -> Rows<'_> {
         self.store.read(slot)

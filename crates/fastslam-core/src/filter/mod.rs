@@ -1,5 +1,6 @@
 //! The filter: particles over paths, and per particle a map of small Gaussians.
 
+mod beliefs;
 mod estimate;
 mod identified;
 mod landmarks;
@@ -24,6 +25,7 @@ use crate::random::{Purpose, RandomSource};
 use crate::resampling;
 use crate::store::StoreUsage;
 use crate::weights::Weights;
+use beliefs::Beliefs;
 use landmarks::Landmarks;
 
 /// One detection of a landmark.
@@ -117,6 +119,9 @@ pub struct FastSlam<M = RangeBearing> {
     weights: Weights,
     ancestor_indices: Vec<u32>,
     sensor_poses: SensorPoses,
+    beliefs: Beliefs,
+    /// Of the step's sightings, per particle.
+    log_likelihood: Vec<f64>,
     estimate: PoseEstimate,
     scratch: Vec<f64>,
 }
@@ -161,6 +166,8 @@ impl<M: MeasurementModel> FastSlam<M> {
             weights: Weights { values: vec![1.0 / particles as f64; particles], ..Weights::default() },
             ancestor_indices: Vec::with_capacity(particles),
             sensor_poses: SensorPoses::default(),
+            beliefs: Beliefs::default(),
+            log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             scratch: Vec::new(),
             identities,

@@ -2,6 +2,7 @@
 
 use crate::geometry::{Matrix3, Pose};
 use crate::math;
+use crate::vector::sum;
 
 /// All particles, one number each per column.
 #[derive(Clone, Debug, Default)]
@@ -86,31 +87,25 @@ pub struct PoseEstimate {
     pub covariance: Matrix3,
 }
 
-/// The moments of a weighted mixture of `count` Gaussians over poses, given as (mean, covariance).
+/// The moments of a weighted mixture of Gaussians over poses, given as (mean, covariance).
 ///
 /// **Why:** two passes, and headings through sine and cosine, so that neither large coordinates nor ±π hurt.
+#[inline(always)]
 pub fn mixture(weights: &[f64], component: impl Fn(usize) -> (Pose, Matrix3)) -> PoseEstimate {
-    let (mut x, mut y, mut sine, mut cosine) = (0.0, 0.0, 0.0, 0.0);
-    for (i, w) in weights.iter().enumerate() {
-        let (pose, _) = component(i);
-        let (s, c) = math::sin_cos(pose.heading);
-        x += w * pose.x;
-        y += w * pose.y;
-        sine += w * s;
-        cosine += w * c;
-    }
+    let n = weights.len();
+    let (x, y) = (sum(n, |i| weights[i] * component(i).0.x), sum(n, |i| weights[i] * component(i).0.y));
+    let sine = sum(n, |i| weights[i] * math::sin_cos(component(i).0.heading).0);
+    let cosine = sum(n, |i| weights[i] * math::sin_cos(component(i).0.heading).1);
     let mean = Pose::new(x, y, math::atan2(sine, cosine));
-    let mut covariance = [[0.0; 3]; 3];
-    for (i, w) in weights.iter().enumerate() {
+    let term = |i: usize, row: usize, col: usize| {
         let (pose, within) = component(i);
         let d = [pose.x - x, pose.y - y, math::wrap_angle(pose.heading - mean.heading)];
-        for row in 0..3 {
-            for col in 0..3 {
-                covariance[row][col] += w * (within[row][col] + d[row] * d[col]);
-            }
-        }
-    }
-    PoseEstimate { mean, covariance }
+        weights[i] * (within[row][col] + d[row] * d[col])
+    };
+    let [xx, xy, xh] = [0, 1, 2].map(|col| sum(n, |i| term(i, 0, col)));
+    let [yy, yh] = [1, 2].map(|col| sum(n, |i| term(i, 1, col)));
+    let hh = sum(n, |i| term(i, 2, 2));
+    PoseEstimate { mean, covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
 }
 
 #[cfg(test)]

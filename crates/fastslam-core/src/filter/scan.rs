@@ -1,10 +1,9 @@
 //! Steps in which particles decide which landmark a sighting shows.
 
-use super::{FastSlam, StepInfo};
-use crate::association::{associate, Belief, Box2, CandidateTable, Decision};
+use super::{FastSlam, Particles, StepInfo};
+use crate::association::{associate, Box2, CandidateTable, Decision};
 use crate::config::Algorithm;
 use crate::error::Result;
-use crate::geometry::Pose;
 use crate::landmark::{column, correct_rows, first_rows};
 use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
@@ -18,16 +17,19 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15; `montemerlo2003fastslam`, section 4. In FastSLAM 1.0 the
     /// poses are samples already, and the beliefs about them have no spread.
     pub(super) fn step_associating(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> Result<()> {
-        let mut beliefs = self.beliefs();
-        let table = self.candidates(scan, &beliefs);
-        let mut decisions = vec![Decision::Ignored; beliefs.len() * scan.len()];
-        for (i, belief) in beliefs.iter_mut().enumerate() {
+        self.believe();
+        let table = self.candidates(scan);
+        let mut decisions = vec![Decision::Ignored; self.particles.len() * scan.len()];
+        for i in 0..self.particles.len() {
+            let mut belief = self.beliefs.get(i);
             let mine = &mut decisions[i * scan.len()..(i + 1) * scan.len()];
-            let increment = associate(&self.model, self.T_robot_sensor, &self.rules, scan, &table, i, belief, mine);
+            let increment =
+                associate(&self.model, self.T_robot_sensor, &self.rules, scan, &table, i, &mut belief, mine);
+            self.beliefs.set(i, &belief);
             self.particles.log_weight[i] += increment;
             self.particles.score[i] += increment;
         }
-        self.weigh_resample_sample(&mut beliefs, &mut decisions, info)?;
+        self.weigh_resample_sample(&mut decisions, info)?;
         for (j, sighting) in scan.iter().enumerate() {
             let decided: Vec<Decision> = decisions.iter().skip(j).step_by(scan.len()).copied().collect();
             self.correct_decided(sighting, &decided, &table, info);
@@ -36,57 +38,42 @@ impl<M: MeasurementModel> FastSlam<M> {
     }
 
     /// What each particle believes about the robot's pose before the scan.
-    pub(super) fn beliefs(&self) -> Vec<Belief> {
-        (0..self.particles.len())
-            .map(|i| {
-                let pose = self.particles.pose(i);
-                match self.config.algorithm {
-                    Algorithm::Fastslam1 => Belief { mean: pose, covariance: [[0.0; 3]; 3] },
-                    _ => Belief {
-                        mean: pose.compose(self.pending.mean),
-                        covariance: self.pending.covariance_in_world(pose.heading),
-                    },
-                }
-            })
-            .collect()
+    pub(super) fn believe(&mut self) {
+        let Particles { x, y, heading, .. } = &self.particles;
+        match self.config.algorithm {
+            Algorithm::Fastslam1 => self.beliefs.certain(x, y, heading),
+            _ => self.beliefs.predict(x, y, heading, &self.pending),
+        }
     }
 
     /// Normalises the weights, estimates the pose, resamples if needed, and samples the poses from the beliefs.
     ///
     /// `decisions` (an equal share per particle) follow the ancestors like everything else.
-    pub(super) fn weigh_resample_sample(
-        &mut self,
-        beliefs: &mut Vec<Belief>,
-        decisions: &mut [Decision],
-        info: &mut StepInfo,
-    ) -> Result<()> {
+    pub(super) fn weigh_resample_sample(&mut self, decisions: &mut [Decision], info: &mut StepInfo) -> Result<()> {
         let before = self.weights.log_mean;
         self.weights_now()?;
         info.log_likelihood += self.weights.log_mean - before;
-        self.estimate = super::mixture(&self.weights.values, |i| (beliefs[i].mean, beliefs[i].covariance));
+        self.estimate_from_beliefs();
         if self.resample_if_needed(info) {
             self.restart_weights();
-            *beliefs = self.ancestor_indices.iter().map(|&a| beliefs[a as usize]).collect();
-            let share = decisions.len() / beliefs.len();
+            self.beliefs.resample(&self.ancestor_indices);
+            let share = decisions.len() / self.beliefs.len();
             let old = decisions.to_vec();
             for (i, &a) in self.ancestor_indices.iter().enumerate() {
                 decisions[i * share..(i + 1) * share].copy_from_slice(&old[a as usize * share..][..share]);
             }
         }
-        self.sample_poses(beliefs);
+        self.sample_poses();
         self.place_sensors();
         Ok(())
     }
 
     /// Draws every particle's pose from its belief.
-    fn sample_poses(&mut self, beliefs: &[Belief]) {
+    fn sample_poses(&mut self) {
         if self.config.algorithm == Algorithm::Fastslam2 {
             let stream = self.random.stream(Purpose::Proposal, self.samplings);
-            for (i, belief) in beliefs.iter().enumerate() {
-                let [a, b] = stream.normal_pair(i as u32, 0);
-                let [c, _] = stream.normal_pair(i as u32, 1);
-                self.particles.set_pose(i, sample_pose(belief, [a, b, c]));
-            }
+            let Particles { x, y, heading, .. } = &mut self.particles;
+            self.beliefs.sample(stream, x, y, heading);
             self.pending = MotionGaussian::default();
         }
         self.samplings += 1;
@@ -99,12 +86,12 @@ impl<M: MeasurementModel> FastSlam<M> {
     }
 
     /// The landmarks that some particle might see in each sighting, with their rows.
-    fn candidates(&mut self, scan: &[ScanSighting], beliefs: &[Belief]) -> CandidateTable {
+    fn candidates(&mut self, scan: &[ScanSighting]) -> CandidateTable {
         let of_sighting: Vec<Vec<u32>> = scan
             .iter()
             .map(|sighting| {
                 let mut slots = Vec::new();
-                let region = self.region_of(sighting, beliefs);
+                let region = self.region_of(sighting);
                 self.landmarks.find(&region, &mut slots);
                 if let Some(identity) = sighting.identity {
                     slots.extend_from_slice(self.landmarks.of_identity(identity));
@@ -116,14 +103,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         slots.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
         slots.dedup();
         let mut table =
-            CandidateTable { particles: beliefs.len(), columns: self.landmarks.columns(), ..Default::default() };
+            CandidateTable { particles: self.particles.len(), columns: self.landmarks.columns(), ..Default::default() };
         for slot in slots {
-            let rows = self.landmarks.read(slot);
-            if rows.column(column::SIGHTINGS).iter().all(|count| *count == 0.0) {
-                // No surviving particle holds it.
+            if self.landmarks.holders(slot) == 0 {
                 self.landmarks.remove(slot);
                 continue;
             }
+            let rows = self.landmarks.read(slot);
             (0..table.columns).for_each(|c| table.values.extend_from_slice(rows.column(c)));
             table.slots.push(slot);
         }
@@ -141,12 +127,13 @@ impl<M: MeasurementModel> FastSlam<M> {
     }
 
     /// Where a sighted landmark can be, for any particle.
-    fn region_of(&self, sighting: &ScanSighting, beliefs: &[Belief]) -> Box2 {
+    fn region_of(&self, sighting: &ScanSighting) -> Box2 {
         let gate_radius = self.gate_radius;
         let range = self.model.range(sighting.measured.value);
         let noise = self.model.position_variance(sighting.measured.value, sighting.measured.noise);
         let mut region = Box2::EMPTY;
-        for belief in beliefs {
+        for i in 0..self.beliefs.len() {
+            let belief = self.beliefs.get(i);
             let p = &belief.covariance;
             let sensor = belief.mean.compose(self.T_robot_sensor);
             let point = self.model.inverse(sensor, sighting.measured.value);
@@ -174,13 +161,14 @@ impl<M: MeasurementModel> FastSlam<M> {
         for candidate in chosen {
             let mask: Vec<bool> = decided.iter().map(|d| *d == Decision::Landmark(candidate)).collect();
             let slot = table.slots[candidate as usize];
-            let (model, poses) = (&self.model, &self.sensor_poses);
+            let (model, poses, log_likelihood) = (&self.model, &self.sensor_poses, &mut self.log_likelihood);
+            log_likelihood.resize(mask.len(), 0.0);
             self.landmarks.update(slot, Some(&mask), |mut rows| {
                 if let Some(mark) = mark {
                     let column = rows.column(column::IDENTITY);
                     (0..mask.len()).filter(|i| mask[*i]).for_each(|i| column[i] = mark);
                 }
-                correct_rows(model, poses, sighting.measured, rows, Some(&mask), |_, _| ());
+                correct_rows(model, poses, sighting.measured, rows, Some(&mask), log_likelihood);
             });
             if let Some(identity) = sighting.identity {
                 self.landmarks.mark_identity(slot, identity);
@@ -200,23 +188,4 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         info.ignored += u32::from(decided[self.particles.best()] == Decision::Ignored);
     }
-}
-
-/// A draw from N(mean, covariance), whose covariance may be singular.
-fn sample_pose(belief: &Belief, normal: [f64; 3]) -> Pose {
-    let p = &belief.covariance;
-    // Cholesky; a pivot that rounding left at or below zero spans no uncertainty.
-    let pivot = |value: f64| if value > 0.0 { value.sqrt() } else { 0.0 };
-    let over = |value: f64, pivot: f64| if pivot > 0.0 { value / pivot } else { 0.0 };
-    let l00 = pivot(p[0][0]);
-    let (l10, l20) = (over(p[1][0], l00), over(p[2][0], l00));
-    let l11 = pivot(p[1][1] - l10 * l10);
-    let l21 = over(p[2][1] - l20 * l10, l11);
-    let l22 = pivot(p[2][2] - l20 * l20 - l21 * l21);
-    let [a, b, c] = normal;
-    Pose::new(
-        belief.mean.x + l00 * a,
-        belief.mean.y + l10 * a + l11 * b,
-        crate::math::wrap_angle(belief.mean.heading + l20 * a + l21 * b + l22 * c),
-    )
 }

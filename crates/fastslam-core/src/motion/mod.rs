@@ -17,8 +17,10 @@ pub use velocity::Velocity;
 
 use crate::error::{Error, Result};
 use crate::geometry::{multiply3, transform3, Matrix3, Pose};
+use crate::math;
 use crate::random::Stream;
 use crate::real::{Dual, Real};
+use crate::vector::vectorized;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -167,18 +169,26 @@ pub struct PoseColumns<'a> {
 
 fn sample<M: MotionModel>(model: &M, control: ConditionedControl, stream: Stream, poses: PoseColumns<'_>) {
     let PoseColumns { first_particle, x, y, heading } = poses;
-    for (i, ((x, y), heading)) in x.iter_mut().zip(y.iter_mut()).zip(heading.iter_mut()).enumerate() {
-        let particle = first_particle + i as u32;
-        let [a, b] = stream.normal_pair(particle, 0);
-        let c = if control.std[2] > 0.0 { stream.normal_pair(particle, 1)[0] } else { 0.0 };
-        let noisy = [
-            control.mean[0] + control.std[0] * a,
-            control.mean[1] + control.std[1] * b,
-            control.mean[2] + control.std[2] * c,
-        ];
-        let moved = Pose::new(*x, *y, *heading).compose(model.relative_motion(noisy, control.dt_s));
-        (*x, *y, *heading) = (moved.x, moved.y, moved.heading);
-    }
+    let n = x.len();
+    let (y, heading) = (&mut y[..n], &mut heading[..n]);
+    let third = control.std[2] > 0.0;
+    vectorized(
+        #[inline(always)]
+        || {
+            for i in 0..n {
+                let particle = first_particle + i as u32;
+                let [a, b] = stream.normal_pair(particle, 0);
+                let c = if third { stream.normal_pair(particle, 1)[0] } else { 0.0 };
+                let noisy = [
+                    control.mean[0] + control.std[0] * a,
+                    control.mean[1] + control.std[1] * b,
+                    control.mean[2] + control.std[2] * c,
+                ];
+                let moved = Pose::new(x[i], y[i], heading[i]).compose(model.relative_motion(noisy, control.dt_s));
+                (x[i], y[i], heading[i]) = (moved.x, moved.y, moved.heading);
+            }
+        },
+    );
 }
 
 fn extend<M: MotionModel>(model: &M, motion: &MotionGaussian, control: ConditionedControl) -> MotionGaussian {
@@ -207,15 +217,22 @@ fn symmetrized(m: &Matrix3) -> Matrix3 {
 
 impl MotionGaussian {
     /// Covariance of the pose reached from a start with this heading, in the world's axes.
+    #[inline(always)]
     pub fn covariance_in_world(&self, heading: f64) -> Matrix3 {
-        let (s, c) = heading.sin_cos();
-        let rotation = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]];
-        transform3(&rotation, &self.covariance)
+        let (s, c) = math::sin_cos(heading);
+        let [[xx, xy, xh], [_, yy, yh], [_, _, hh]] = self.covariance;
+        let (cross, twice) = (s * c * (xx - yy) + (c * c - s * s) * xy, 2.0 * s * c * xy);
+        let (along, across) = (c * xh - s * yh, s * xh + c * yh);
+        [
+            [c * c * xx - twice + s * s * yy, cross, along],
+            [cross, s * s * xx + twice + c * c * yy, across],
+            [along, across, hh],
+        ]
     }
 
     /// This motion followed by another.
     pub fn then(&self, next: &MotionGaussian) -> MotionGaussian {
-        let (s, c) = self.mean.heading.sin_cos();
+        let (s, c) = math::sin_cos(self.mean.heading);
         let step = next.mean;
         let by_start = [[1.0, 0.0, -s * step.x - c * step.y], [0.0, 1.0, c * step.x - s * step.y], [0.0, 0.0, 1.0]];
         let rotation = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]];
@@ -287,6 +304,21 @@ mod tests {
                 // The sample variance of a Gaussian has relative standard error sqrt(2/n) = 0.7 %; 5 of them.
                 let ratio = variance / gaussian.covariance[i][i];
                 assert!((ratio - 1.0).abs() < 0.04, "{motion:?} variance {i}: ratio {ratio}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_covariance_turns_with_the_heading() {
+        let motion = MotionGaussian {
+            mean: Pose::default(),
+            covariance: [[0.3, 0.05, 0.02], [0.05, 0.2, -0.01], [0.02, -0.01, 0.1]],
+        };
+        let (s, c) = libm::sincos(0.7);
+        let expected = transform3(&[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]], &motion.covariance);
+        for (row, want) in motion.covariance_in_world(0.7).iter().zip(expected) {
+            for (got, want) in row.iter().zip(want) {
+                assert!((got - want).abs() < 1e-15);
             }
         }
     }

@@ -1,0 +1,175 @@
+//! Corners: where two straight pieces of wall meet, for indoor logs.
+
+use super::beams::{Beams, Echo};
+use super::circle::norm;
+use super::line::{self, Line};
+use super::segments::{self, Cut, Segment};
+use super::{to_polar, Detection, Detector};
+use crate::error::{non_negative, positive, Error, Result};
+use crate::math;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// Settings of the detector of corners.
+///
+/// A continuous piece of the scan is split at its point farthest from the chord until every part is straight; the lines
+/// through two neighbouring parts meet in the corner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct Corners {
+    /// Neighbouring ranges that differ by more are of two surfaces.
+    pub jump_m: f64,
+    /// Added to `jump_m` for each metre of range.
+    pub jump_per_range: f64,
+    /// So many beams without an echo within a wall are bridged.
+    pub bridge_beams: u32,
+    /// A part is split when a point is farther from its chord.
+    pub split_m: f64,
+    /// Fewest beams on each of the two walls.
+    pub min_beams: u32,
+    /// Shortest wall.
+    pub min_length_m: f64,
+    /// Smallest angle between the walls.
+    pub min_angle_rad: f64,
+    /// Largest root mean square distance of the points from their line.
+    pub max_residual_m: f64,
+    /// The lines must meet this close to the end of each wall.
+    pub max_gap_m: f64,
+    /// Standard deviation of one range.
+    pub range_std_m: f64,
+    /// Probability that a corner in view is found.
+    pub detection_probability: f64,
+}
+
+impl Default for Corners {
+    fn default() -> Self {
+        Self {
+            jump_m: 0.3,
+            jump_per_range: 0.02,
+            bridge_beams: 2,
+            split_m: 0.1,
+            min_beams: 6,
+            min_length_m: 0.4,
+            min_angle_rad: 0.5,
+            max_residual_m: 0.05,
+            max_gap_m: 0.3,
+            range_std_m: 0.02,
+            detection_probability: 0.8,
+        }
+    }
+}
+
+impl Corners {
+    /// Errors that name the first parameter out of range.
+    pub fn validate(&self) -> Result<()> {
+        positive("jump_m", self.jump_m)?;
+        non_negative("jump_per_range", self.jump_per_range)?;
+        positive("split_m", self.split_m)?;
+        positive("min_length_m", self.min_length_m)?;
+        positive("min_angle_rad", self.min_angle_rad)?;
+        positive("max_residual_m", self.max_residual_m)?;
+        positive("max_gap_m", self.max_gap_m)?;
+        positive("range_std_m", self.range_std_m)?;
+        if self.min_beams < 2 {
+            return Err(Error::parameter("min_beams", self.min_beams, "at least 2"));
+        }
+        if !(self.detection_probability > 0.0 && self.detection_probability <= 1.0) {
+            return Err(Error::parameter("detection_probability", self.detection_probability, "above 0, at most 1"));
+        }
+        Ok(())
+    }
+}
+
+impl Detector {
+    pub(super) fn corners(&mut self, found: &mut Vec<Detection>) {
+        let Self { config, beams, segments, lines, .. } = self;
+        let settings = &config.corners;
+        let cut = Cut {
+            jump_m: settings.jump_m,
+            jump_per_range: settings.jump_per_range,
+            bridge_beams: settings.bridge_beams as usize,
+        };
+        segments::split(beams, cut, segments);
+        let pieces = segments.len();
+        for k in 0..pieces {
+            straight_lines(settings, beams, (k, pieces), segments, lines);
+            for pair in lines.windows(2) {
+                found.extend(corner(settings, beams, &pair[0], &pair[1]));
+            }
+        }
+    }
+}
+
+/// The straight parts of piece `k`, in order. `segments[pieces..]` is the stack of parts still to be looked at.
+fn straight_lines(
+    settings: &Corners,
+    beams: &Beams,
+    (k, pieces): (usize, usize),
+    segments: &mut Vec<Segment>,
+    lines: &mut Vec<Line>,
+) {
+    lines.clear();
+    segments.truncate(pieces);
+    segments.push(segments[k]);
+    while segments.len() > pieces {
+        let Some(part) = segments.pop() else { return };
+        match farthest(beams, part) {
+            Some((at, distance)) if distance > settings.split_m => {
+                // The later half goes below the earlier one, so that lines come out in order.
+                segments.push(counted(beams, at, part.last));
+                segments.push(counted(beams, part.first, at));
+            }
+            _ => lines.extend(line::fit(beams, part, settings.range_std_m)),
+        }
+    }
+}
+
+fn counted(beams: &Beams, first: usize, last: usize) -> Segment {
+    let hits = (first..=last).filter(|&i| beams.echo[beams.index(i)] == Echo::Hit).count();
+    Segment { first, last, hits }
+}
+
+/// The hit strictly within a part that is farthest from the chord between its ends.
+fn farthest(beams: &Beams, part: Segment) -> Option<(usize, f64)> {
+    let (a, b) = (beams.point(beams.index(part.first)), beams.point(beams.index(part.last)));
+    let chord = [b[0] - a[0], b[1] - a[1]];
+    let length = norm(chord).max(1e-9);
+    (part.first + 1..part.last)
+        .filter(|&i| beams.echo[beams.index(i)] == Echo::Hit)
+        .map(|i| {
+            let p = beams.point(beams.index(i));
+            (i, ((p[0] - a[0]) * chord[1] - (p[1] - a[1]) * chord[0]).abs() / length)
+        })
+        .max_by(|x, y| x.1.total_cmp(&y.1))
+}
+
+fn corner(settings: &Corners, beams: &Beams, a: &Line, b: &Line) -> Option<Detection> {
+    let straight = |line: &Line| {
+        line.hits >= settings.min_beams as usize
+            && line.length >= settings.min_length_m
+            && line.residual <= settings.max_residual_m
+    };
+    if !(straight(a) && straight(b)) {
+        return None;
+    }
+    let sine = (a.normal[0] * b.normal[1] - a.normal[1] * b.normal[0]).abs();
+    if sine < math::sin_cos(settings.min_angle_rad.min(std::f64::consts::FRAC_PI_2)).0 {
+        return None;
+    }
+    let (point, covariance) = line::intersection(a, b)?;
+    let end = beams.point(beams.index(a.last));
+    if norm([point[0] - end[0], point[1] - end[1]]) > settings.max_gap_m {
+        return None;
+    }
+    let (range_m, bearing_rad, covariance) = to_polar(point, covariance)?;
+    Some(Detection {
+        range_m,
+        bearing_rad,
+        covariance,
+        signature: f64::NAN,
+        intensity: f64::NAN,
+        detection_probability: settings.detection_probability,
+        first_beam: beams.index(a.first) as u32,
+        last_beam: beams.index(b.last) as u32,
+    })
+}

@@ -1,0 +1,125 @@
+//! Runs a loop with the widest vector unit that the machine has.
+//!
+//! The passes over particles are plain loops over columns. Compiled inside a function that may use AVX2 or AVX-512 they
+//! become vector code; since no operation is reordered or contracted, every level gives the same bits.
+
+/// A set of vector instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// What every processor of the architecture has: SSE2, NEON.
+    Baseline,
+    /// Four lanes of f64.
+    Avx2,
+    /// Eight lanes of f64.
+    Avx512,
+}
+
+impl Level {
+    /// The levels that this machine has, narrowest first.
+    pub fn available() -> Vec<Level> {
+        let all = [Level::Baseline, Level::Avx2, Level::Avx512];
+        all.into_iter().filter(|level| level.is_available()).collect()
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    fn is_available(self) -> bool {
+        match self {
+            Level::Baseline => true,
+            Level::Avx2 => pulp::x86::V3::is_available(),
+            Level::Avx512 => pulp::x86::V4::is_available(),
+        }
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    fn is_available(self) -> bool {
+        self == Level::Baseline
+    }
+}
+
+/// Calls `f` compiled for the widest level of this machine. Everything that it calls must be `#[inline(always)]`.
+#[inline(always)]
+pub fn vectorized<R>(f: impl FnOnce() -> R) -> R {
+    #[cfg(target_arch = "x86_64")]
+    {
+        match pulp::x86::Arch::new() {
+            pulp::x86::Arch::V4(simd) => return simd.vectorize(f),
+            pulp::x86::Arch::V3(simd) => return simd.vectorize(f),
+            _ => {}
+        }
+    }
+    f()
+}
+
+/// Calls `f` compiled for one level, which the machine must have; else for the baseline.
+#[inline(always)]
+pub fn vectorized_at<R>(level: Level, f: impl FnOnce() -> R) -> R {
+    #[cfg(target_arch = "x86_64")]
+    {
+        match level {
+            Level::Avx512 => {
+                if let Some(simd) = pulp::x86::V4::try_new() {
+                    return simd.vectorize(f);
+                }
+            }
+            Level::Avx2 => {
+                if let Some(simd) = pulp::x86::V3::try_new() {
+                    return simd.vectorize(f);
+                }
+            }
+            Level::Baseline => {}
+        }
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = level;
+    f()
+}
+
+/// Sum in a fixed order that vector units of up to eight lanes can follow.
+#[inline(always)]
+pub fn sum(count: usize, term: impl Fn(usize) -> f64) -> f64 {
+    const LANES: usize = 8;
+    let mut lanes = [0.0; LANES];
+    let whole = count - count % LANES;
+    let mut i = 0;
+    while i < whole {
+        for (lane, total) in lanes.iter_mut().enumerate() {
+            *total += term(i + lane);
+        }
+        i += LANES;
+    }
+    for (lane, total) in lanes.iter_mut().enumerate().take(count - whole) {
+        *total += term(whole + lane);
+    }
+    ((lanes[0] + lanes[1]) + (lanes[2] + lanes[3])) + ((lanes[4] + lanes[5]) + (lanes[6] + lanes[7]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_level_gives_the_same_bits() {
+        let x: Vec<f64> = (0..1003).map(|i| (f64::from(i) * 0.7).sin() * 40.0).collect();
+        let pass = || {
+            let mut out = vec![0.0; x.len()];
+            for i in 0..x.len() {
+                let (s, c) = crate::math::sin_cos(x[i]);
+                out[i] = crate::math::atan2(s * 2.0, c) + crate::math::ln(x[i] * x[i] + 1e-3) + crate::math::exp(-x[i]);
+            }
+            (out.iter().map(|v| v.to_bits()).collect::<Vec<_>>(), sum(x.len(), |i| out[i]).to_bits())
+        };
+        let levels = Level::available();
+        assert!(levels.contains(&Level::Baseline));
+        for level in levels {
+            assert_eq!(vectorized_at(level, pass), pass(), "{level:?}");
+        }
+        assert_eq!(vectorized(pass), pass());
+    }
+
+    #[test]
+    fn the_sum_has_all_terms() {
+        for count in 0..40 {
+            assert_eq!(sum(count, |i| i as f64), (count * count.saturating_sub(1) / 2) as f64);
+        }
+    }
+}

@@ -1,0 +1,139 @@
+"""From laser scans to sightings of landmarks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from . import _core
+from .errors import ConfigError, DataError
+from .log import Controls, Floats, Ints, Log, Scans, Sightings
+from .settings import Layer, Schema, Settings
+
+_SCHEMA = Schema(
+    _core.detector_schema, _core.resolve_detector, explained_by="fastslam config explain detector"
+)
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What a detector found, in the order of scans and beams, in the sensor frame at the stamp of the scan.
+
+    Shapes: all (D,) but `covariance` (D, 3), that of range and bearing as (m², m·rad, rad²). `signature` is a
+    diameter in metres and `intensity` that of the strongest echo; both NaN where unknown.
+    """
+
+    scan_index: Ints
+    stamp_s: Floats
+    range_m: Floats
+    bearing_rad: Floats
+    covariance: Floats
+    signature: Floats
+    intensity: Floats
+    detection_probability: Floats
+    first_beam: Ints
+    last_beam: Ints
+
+
+def configure_detector(*layers: Layer) -> Settings:
+    """Detector settings: `layers` over the defaults, later ones winning. Errors: ConfigError."""
+    return _SCHEMA.resolve(*layers)
+
+
+def find(scans: Scans, config: Layer | None = None, *, twists: Floats | None = None) -> Detections:
+    """Run the detector that `config` chooses over scans.
+
+    `twists` (N, 3) is the velocity of the sensor at each scan: forward and left in m/s, turn in rad/s, in its
+    own frame; it corrects the motion within a scan where the geometry has a `beam_period_s`. Errors:
+    ConfigError, DataError for scans whose shapes or geometry make no sense.
+    """
+    settings = configure_detector(config or {})
+    if scans.ranges_m.ndim != 2:
+        raise DataError(f"scans: got ranges_m of shape {scans.ranges_m.shape}, expected (N, B)")
+    try:
+        columns = _core.detect(
+            settings.to_json(),
+            json.dumps(asdict(scans.geometry)),
+            scans.stamp_s,
+            scans.ranges_m,
+            scans.intensities,
+            twists,
+        )
+    except (ValueError, TypeError) as error:
+        raise DataError(f"scans: {error}") from None
+    return Detections(**columns)
+
+
+def detect(log: Log, config: Layer | None = None) -> Log:
+    """The log with the detections in its scans as its sightings; identities are unknown.
+
+    `config` is laid over the detector settings of the scans. The sensor's mounting in the log's settings
+    becomes that of the scans. Errors: DataError for a log without scans, ConfigError.
+    """
+    if log.scans is None:
+        raise DataError("the log holds no laser scans to detect landmarks in", log.source)
+    settings = _SCHEMA.merge(log.scans.detector, config or {})
+    try:
+        detections = find(log.scans, settings, twists=sensor_twists(log))
+    except DataError as error:
+        raise DataError(str(error), log.source) from None
+    x_m, y_m, yaw_rad = log.scans.mounting
+    sensor = {**log.config.get("sensor", {}), "mounting": {"x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad}}
+    unknown = np.full(len(detections.stamp_s), -1, dtype=np.int64)
+    sightings = Sightings(
+        stamp_s=detections.stamp_s,
+        range_m=detections.range_m,
+        bearing_rad=detections.bearing_rad,
+        identity=unknown,
+        class_index=unknown.copy(),
+        signature=detections.signature,
+        covariance=detections.covariance,
+    )
+    association = {**log.config.get("association", {}), "mode": "unknown"}
+    filter_settings = {**log.config, "sensor": sensor, "association": association}
+    return replace(log, sightings=sightings, identity_names=(), class_names=(), config=filter_settings)
+
+
+def with_sightings(log: Log) -> Log:
+    """The log itself, or with detections where it has scans and no sightings."""
+    return detect(log) if log.scans is not None and len(log.sightings.stamp_s) == 0 else log
+
+
+def sensor_twists(log: Log) -> Floats | None:
+    """Velocity of the sensor at each scan from the controls; None where motion within scans is not corrected.
+
+    Shapes: (N, 3) as forward and left in m/s, turn in rad/s, in the sensor frame.
+    """
+    if log.scans is None or not log.scans.geometry.beam_period_s:
+        return None
+    held = robot_twists(log.controls, log.config.get("motion", {}))
+    last = np.searchsorted(log.controls.stamp_s, log.scans.stamp_s, side="right") - 1
+    forward, left, turn = held[np.clip(last, 0, len(held) - 1)].T
+    x_m, y_m, yaw_rad = log.scans.mounting
+    forward, left = forward - turn * y_m, left + turn * x_m
+    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
+    return np.column_stack([cosine * forward + sine * left, cosine * left - sine * forward, turn])
+
+
+def robot_twists(controls: Controls, motion: dict[str, Any]) -> Floats:
+    """Velocity of the robot from each control until the next. Shapes: (C, 3) as in `sensor_twists`.
+
+    Errors: ConfigError for a motion model that is not known.
+    """
+    values, model = controls.values, motion.get("model")
+    if model == "velocity":
+        return np.column_stack([values[:, 0], np.zeros(len(values)), values[:, 1]])
+    if model == "ackermann":
+        length_m, encoder_m = motion["wheelbase_m"], motion["encoder_left_m"]
+        center_m_per_s = values[:, 0] / (1 - np.tan(values[:, 1]) * encoder_m / length_m)
+        turn = center_m_per_s / length_m * np.tan(values[:, 1])
+        ahead_m, left_m = motion["sensor_ahead_m"], motion["sensor_left_m"]
+        return np.column_stack([center_m_per_s - turn * left_m, turn * ahead_m, turn])
+    if model in ("odometry", "increments"):
+        # Row i leads from stamp i - 1 to stamp i, so what holds from a stamp on is in the next row.
+        period_s = np.diff(controls.stamp_s)[:, None]
+        return np.vstack([values[1:] / period_s, values[-1:] * 0]) if len(values) > 1 else values * 0
+    raise ConfigError(f"motion.model: got {model}, expected velocity, ackermann, odometry or increments")

@@ -1,0 +1,198 @@
+"""Scans in logs and landmarks detected in them, from Python."""
+
+from __future__ import annotations
+
+import base64
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import fastslam
+import numpy as np
+import pytest
+from fastslam.datasets import load, write_native
+from fastslam.datasets.clean import no_sightings
+from fastslam.detection import configure_detector, detect, find
+from fastslam.errors import ConfigError, DataError
+from fastslam.evaluation import evaluate
+from fastslam.log import BeamGeometry, Controls, Log, Scans
+from fastslam.plots.scan import plot_scan, write_scan_figure, write_scan_page
+from matplotlib.figure import Figure
+
+STEP_RAD = np.pi / 360
+GEOMETRY = BeamGeometry(-np.pi / 2, STEP_RAD, 0.1, 80.0)
+
+
+def scans_of_posts(count: int = 4) -> Scans:
+    """Posts of 0.6 m at (8, 2) and (5, -3) m, seen by a sensor that creeps ahead by 0.1 m a scan."""
+    angle = GEOMETRY.first_angle_rad + STEP_RAD * np.arange(361)
+    ranges_m = np.full((count, 361), np.inf)
+    for scan in range(count):
+        for x_m, y_m in ((8.0 - 0.1 * scan, 2.0), (5.0 - 0.1 * scan, -3.0)):
+            along = x_m * np.cos(angle) + y_m * np.sin(angle)
+            across = x_m * np.sin(angle) - y_m * np.cos(angle)
+            hit = (np.abs(across) < 0.3) & (along > 0)
+            ranges_m[scan, hit] = along[hit] - np.sqrt(0.09 - across[hit] ** 2)
+    return Scans(0.2 * np.arange(count), ranges_m, GEOMETRY)
+
+
+def log_of_posts() -> Log:
+    controls = Controls(np.array([0.0, 0.2, 0.4, 0.6]), np.tile([0.5, 0.0], (4, 1)))
+    settings = {
+        "motion": {"model": "velocity", "speed_std_m_per_s": 0.1, "yaw_rate_std_rad_per_s": 0.1},
+        "sensor": {"model": "range_bearing", "range_std_m": 0.1, "bearing_std_rad": 0.02},
+    }
+    return Log("posts", "memory", "test", controls, no_sightings(), scans=scans_of_posts(), config=settings)
+
+
+def test_detections_are_where_the_posts_are() -> None:
+    found = find(scans_of_posts())
+    assert found.scan_index.tolist() == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert found.covariance.shape == (8, 3)
+    np.testing.assert_allclose(found.range_m[:2], [np.hypot(5, 3), np.hypot(8, 2)], atol=0.03)
+    np.testing.assert_allclose(found.bearing_rad[:2], [np.arctan2(-3, 5), np.arctan2(2, 8)], atol=0.003)
+    np.testing.assert_allclose(found.signature, 0.6, atol=0.08)
+
+
+def test_single_and_double_precision_agree() -> None:
+    scans = scans_of_posts()
+    single = find(replace(scans, ranges_m=scans.ranges_m.astype(np.float32)))
+    np.testing.assert_allclose(single.range_m, find(scans).range_m, atol=1e-5)
+
+
+def test_a_run_detects_where_a_log_has_only_scans() -> None:
+    result = fastslam.run(log_of_posts())
+    assert len(result.landmarks.ids) == 2
+    assert result.steps.sightings.sum() == 8
+
+
+def test_detected_sightings_replace_those_of_the_log() -> None:
+    log = detect(log_of_posts(), {"trunks": {"max_range_m": 7.0}})
+    assert len(log.sightings.stamp_s) == 4
+    assert log.config["association"] == {"mode": "unknown"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"geometry": replace(GEOMETRY, angle_step_rad=0.5)}, "geometry.angle_step_rad"),
+        ({"geometry": replace(GEOMETRY, first_angle_rad=float("nan"))}, "first_angle_rad"),
+        ({"geometry": replace(GEOMETRY, max_range_m=0.0)}, "geometry.max_range_m"),
+        ({"intensities": np.zeros((4, 7))}, "intensities"),
+        ({"stamp_s": np.zeros(3)}, "4 rows for 3 stamps"),
+        ({"ranges_m": np.zeros(361)}, "ranges_m"),
+    ],
+)
+def test_scans_that_make_no_sense_are_an_error(change: dict[str, object], message: str) -> None:
+    with pytest.raises(DataError, match=message):
+        find(replace(scans_of_posts(), **change))
+
+
+def test_hostile_ranges_are_survived() -> None:
+    rng = np.random.default_rng(5)
+    odd = np.array([np.nan, np.inf, -np.inf, 0.0, -1.0, 1e300, 5.0])
+    ranges_m = rng.choice(odd, size=(300, 361))
+    scans = Scans(np.arange(300.0), ranges_m, GEOMETRY, intensities=rng.choice(odd, size=(300, 361)))
+    for kind in ("trunks", "reflectors", "corners"):
+        found = find(scans, {"kind": kind})
+        assert np.isfinite(found.range_m).all() and np.isfinite(found.covariance).all()
+
+
+def test_unknown_settings_and_logs_without_scans_are_errors() -> None:
+    with pytest.raises(ConfigError, match="trunks"):
+        configure_detector({"trunks": {"jump": 1.0}})
+    with pytest.raises(DataError, match="no laser scans"):
+        detect(replace(log_of_posts(), scans=None))
+
+
+def test_a_native_log_keeps_its_scans(tmp_path: Path) -> None:
+    log = log_of_posts()
+    assert log.scans is not None
+    geometry = replace(GEOMETRY, beam_period_s=1e-4)
+    scans = replace(
+        log.scans,
+        geometry=geometry,
+        intensities=np.ones_like(log.scans.ranges_m),
+        detector={"kind": "corners"},
+    )
+    back = load(write_native(replace(log, scans=scans), tmp_path / "log")).scans
+    assert back is not None and back.geometry == geometry and back.detector == {"kind": "corners"}
+    np.testing.assert_array_equal(back.ranges_m, scans.ranges_m)
+    np.testing.assert_array_equal(back.stamp_s, scans.stamp_s)
+    assert back.intensities is not None and back.mounting == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"ranges_m": np.zeros((3, 361))}, "ranges_m"),
+        ({"range_cm": np.zeros(3)}, "unknown array range_cm"),
+        ({"angle_step_rad": 0.0}, "angle_step_rad"),
+        ({"max_range_m": "far"}, "max_range_m"),
+        ({"mounting": np.zeros(2)}, "mounting"),
+        ({"detector_json": "{"}, "detector_json"),
+        ({"stamp_s": None}, "stamp_s is missing"),
+    ],
+)
+def test_faults_in_scans_npz_name_the_array(tmp_path: Path, change: dict[str, object], message: str) -> None:
+    folder = write_native(log_of_posts(), tmp_path / "log")
+    with np.load(folder / "scans.npz") as content:
+        arrays = {**content, **change}
+    np.savez(folder / "scans.npz", **{key: value for key, value in arrays.items() if value is not None})
+    with pytest.raises(DataError, match=rf"scans\.npz: .*{message}"):
+        load(folder)
+    (folder / "scans.npz").write_bytes(b"PK no archive")
+    with pytest.raises(DataError, match=r"scans\.npz: is no readable NPZ file"):
+        load(folder)
+
+
+def test_disordered_scans_are_repaired_and_counted(tmp_path: Path) -> None:
+    folder = write_native(log_of_posts(), tmp_path / "log")
+    with np.load(folder / "scans.npz") as content:
+        arrays = {**content, "stamp_s": np.array([0.2, 0.0, np.nan, 0.2])}
+    np.savez(folder / "scans.npz", **arrays)
+    log = load(folder)
+    assert log.scans is not None and log.scans.stamp_s.tolist() == [0.0, 0.2]
+    assert sorted(problem.count for problem in log.problems) == [1, 1, 1]
+
+
+def test_car_park_from_raw_scans(data_dir: Path) -> None:
+    log = load(data_dir / "car_park", run=3)
+    assert log.scans is not None and log.scans.ranges_m.shape == (1296, 361)
+    metrics = evaluate(fastslam.run(log, {"filter": {"particles": 100}, "seed": 0}), detect(log))
+    assert metrics["landmark_matched"] >= 9
+    assert metrics["landmark_rmse_m"] <= 0.10
+    assert metrics["ate_rmse_m"] <= 0.50
+    assert metrics["smoothed_ate_rmse_m"] <= 0.40
+
+
+def test_victoria_park_scans_are_read_and_detected(data_dir: Path) -> None:
+    log = load(data_dir / "victoria_park" / "ascii_2003")
+    assert log.scans is not None and log.scans.ranges_m.shape == (7230, 361)
+    found = find(log.scans, log.scans.detector)
+    assert len(found.stamp_s) > 30_000
+    assert 0.3 < np.nanmedian(found.signature) < 0.9
+
+
+def test_a_scan_is_drawn_with_its_detections(tmp_path: Path) -> None:
+    log = log_of_posts()
+    assert log.scans is not None
+    found = find(log.scans)
+    axis = Figure().add_subplot()
+    plot_scan(axis, log.scans, found, scan=1, max_range_m=30.0)
+    assert axis.get_title() == "Scan 1 at 0.20 s: 2 segments, 2 detections"
+    crosses = [line.get_xydata() for line in axis.lines if line.get_marker() == "+"]
+    np.testing.assert_allclose(np.vstack(crosses), [[3.0, 4.9], [-2.0, 7.9]], atol=0.03)
+    assert write_scan_figure(log, tmp_path / "scan.png", scan=0).read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(DataError, match="scans 0 to 3"):
+        write_scan_figure(log, tmp_path / "other.png", scan=4)
+
+
+def test_the_page_of_scans_holds_them_all(tmp_path: Path) -> None:
+    page = write_scan_page(log_of_posts(), tmp_path / "scans.html").read_text(encoding="utf-8")
+    text = page.split('type="application/json">')[1].split("</script>")[0]
+    data = json.loads(text)
+    assert [len(rows) for rows in data["detections"]] == [2, 2, 2, 2]
+    ranges_cm = np.frombuffer(base64.b64decode(data["ranges_cm"]), dtype="<u2").reshape(4, 361)
+    assert ranges_cm.max() == round(100 * max(r for r in scans_of_posts().ranges_m.ravel() if r < 80))
+    assert "http" not in page
