@@ -22,8 +22,8 @@ def reproduce_figure(
 ) -> None:
     """Remake figures of the FastSLAM paper: PNG, SVG, CSV, and what it reports beside what was measured.
 
-    FIGURE is figure5, figure6a, figure6b, landmarks (50,000 of them), growth (time and memory against K),
-    error-against-time, or all. Stopped at any time, the same command goes on where it was.
+    FIGURE is figure4, figure5, figure6a, figure6b, landmarks (50,000 of them), growth (time and memory
+    against K), error-against-time, or all. Stopped at any time, the same command goes on where it was.
 
     \b
     Examples:

@@ -89,9 +89,7 @@ def error_against_particles(scale: Scale) -> list[Claim]:
     counts, filters, ekf = _against_particles(scale)
     scale.write_csv("figure6b", series_rows([*filters, *ekf], (*_ERRORS, "filter_seconds")))
     scale.write_figure("figure6b", lambda: _draw_6b(counts, filters, ekf))
-    found = {
-        (g.point["algorithm"], g.point["filter.particles"]): g.summary["ate_rmse_m"] for g in filters
-    }
+    found = {(g.point["algorithm"], g.point["filter.particles"]): g.summary["ate_rmse_m"] for g in filters}
     few, enough, most = (found["fastslam1", m] for m in (1, 100, counts[-1]))
     return [
         Claim(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,6 +124,9 @@ def plot_series(
 
 
 def interval(value: MetricSummary, *, scale: float = 1.0, unit: str = "m") -> str:
-    """`0.12 ± 0.01 m`."""
-    text = f"{scale * value.mean:.3g}"
-    return f"{text} ± {scale * value.ci95:.1g} {unit}" if value.ci95 else f"{text} {unit}"
+    """`0.120 ± 0.014 m`: as many digits as the interval has sense in."""
+    mean, half = scale * value.mean, scale * (value.ci95 or 0.0)
+    if half <= 0.0:
+        return f"{mean:.3g} {unit}"
+    digits = max(0, 1 - math.floor(math.log10(half)))
+    return f"{mean:.{digits}f} ± {half:.{digits}f} {unit}"

@@ -10,11 +10,13 @@ from ..sweep import Progress
 from .accuracy import error_against_landmarks, error_against_particles, error_against_time
 from .experiment import Claim, Experiment, Scale
 from .fields import perceptual_fields
+from .rover import rover
 from .scaling import growth, many_landmarks
 
 EXPERIMENTS = {
     experiment.name: experiment
     for experiment in (
+        Experiment("figure4", "A rover among rocks: from raw scans to a map", rover),
         Experiment("figure5", "Maps with a large and a small perceptual field", perceptual_fields),
         Experiment("figure6a", "Error against the number of landmarks", error_against_landmarks),
         Experiment("figure6b", "Error against the number of particles", error_against_particles),
