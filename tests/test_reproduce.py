@@ -85,4 +85,5 @@ def test_the_timing_log_revisits_a_complete_map() -> None:
 
 def test_the_wide_laser_sees_the_rocks_behind() -> None:
     narrow, wide = (arena_log(view_deg, seed=1).sightings.bearing_rad for view_deg in (180, 360))
-    assert np.abs(narrow).max() <= np.pi / 2 + 0.01 < np.abs(wide).max()
+    # The centre of a rock whose edge is in view may lie a little behind.
+    assert np.abs(narrow).max() < 2.0 and np.abs(wide).max() > 3.0

@@ -1,17 +1,19 @@
 """GTSAM's iSAM2 and batch solver on the logs that FastSLAM and EKF-SLAM run on.
 
-What is compared, and what is not: GTSAM keeps the whole path and relinearises, so its estimate of the past is
-smoothed; it is given the associations, which it does not make itself. FastSLAM and EKF-SLAM are given them here too.
-All get the same motion and sensor noise. Times are those of the solver, without reading and without building factors.
+What is compared, and what is not: GTSAM keeps the whole path and relinearises, so its estimate of the past
+is smoothed; it is given the associations, which it does not make itself. FastSLAM and EKF-SLAM are given them
+here too. All get the same motion and sensor noise. Times are those of the solver, without reading and without
+building factors.
 
-Needs `pip install 'fastslam[peers]'`. Run: `python benchmarks/peers/gtsam_peer.py [LOG ...]`; without a log two
-simulated worlds. A log needs identities and a motion model `velocity` or `increments`.
+Needs `pip install 'fastslam[peers]'`. Run: `python benchmarks/peers/gtsam_peer.py [LOG ...]`; without a log
+two simulated worlds. A log needs identities and a motion model `velocity` or `increments`.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import sys
 import time
 from collections.abc import Iterator
@@ -34,7 +36,7 @@ PRIOR_STD = 1e-6
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one solver did. `live` is the estimate at each stamp when it was the last, `smoothed` the one at the end."""
+    """What one solver did: `live` is the estimate at each stamp when it was the last, `smoothed` at the end."""
 
     solver: str
     seconds: float
@@ -74,7 +76,7 @@ def steps(log: Log, config: Config) -> Iterator[Step]:
                 index += 1
         else:
             cuts = [now_s, *stamps[(stamps > now_s) & (stamps < stamp_s)], stamp_s]
-            for begin_s, end_s in zip(cuts, cuts[1:], strict=False):
+            for begin_s, end_s in itertools.pairwise(cuts):
                 held = int(np.searchsorted(stamps, begin_s, side="right")) - 1
                 if held >= 0 and end_s > begin_s:
                     turn, noise = _velocity(values[held], end_s - begin_s, motion_config)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..plots import new_figure, style
@@ -128,46 +129,58 @@ def _draw_6b(counts: Sequence[int], filters: Sequence[Group], ekf: Sequence[Grou
 def error_against_time(scale: Scale) -> list[Claim]:
     """FastSLAM 1.0, 2.0 and EKF-SLAM: what computing time buys."""
     counts, filters, ekf = _against_particles(scale)
-    metrics = ("ate_rmse_m", "filter_seconds")
+    metrics = (*_ERRORS, "filter_seconds")
     scale.write_csv("error-against-time", series_rows([*filters, *ekf], metrics))
     scale.write_figure("error-against-time", lambda: _draw_time(counts, filters, ekf))
+
+    def said(group: Group) -> str:
+        robot, landmarks = (interval(group.summary[metric]) for metric in _ERRORS)
+        return f"robot {robot}, map {landmarks}"
 
     def at(name: str, m: int) -> str:
         group = next(g for g in filters if g.point == {"algorithm": name, "filter.particles": m})
         seconds = group.summary["filter_seconds"].mean
-        return f"{_LABEL[name]} with M = {m}: {interval(group.summary[metrics[0]])} in {seconds:.3g} s"
+        return f"{_LABEL[name]} with M = {m}: {said(group)} in {seconds:.3g} s"
 
     joint = ekf[0].summary
     return [
         Claim(
             "error against computing time (not in the paper)",
             "—",
-            f"{at('fastslam1', 100)}; {at('fastslam2', 10)}; EKF-SLAM: {interval(joint[metrics[0]])} in "
+            f"{at('fastslam1', 100)}; {at('fastslam2', 10)}; {at('fastslam2', 100)}; "
+            f" EKF-SLAM: {said(ekf[0])} in "
             f"{joint['filter_seconds'].mean:.3g} s (K = 100)",
         )
     ]
 
 
 def _draw_time(counts: Sequence[int], filters: Sequence[Group], ekf: Sequence[Group]) -> Figure:
-    figure = new_figure(6.0, 4.2)
-    axis = figure.subplots()
-    for number, name in enumerate(("fastslam1", "fastslam2")):
-        own = filters[number * len(counts) : (number + 1) * len(counts)]
-        x = [group.summary["filter_seconds"].mean for group in own]
-        values = [group.summary["ate_rmse_m"] for group in own]
-        plot_series(axis, x, values, label=_LABEL[name], color=_COLOR[name])
-        for m, seconds, value in zip(counts, x, values, strict=True):
-            offset = (4, 6) if number == 0 else (4, -11)
-            axis.annotate(f"{m}", (seconds, value.mean), offset, textcoords="offset points", fontsize=7.5)
-    x = [group.summary["filter_seconds"].mean for group in ekf]
-    values = [group.summary["ate_rmse_m"] for group in ekf]
-    plot_series(axis, x, values, label=_LABEL["ekf"], color=_COLOR["ekf"], marker="s")
-    axis.set_xscale("log")
-    axis.set_yscale("log")
-    axis.set_xlabel("computing time of the run [s]")
-    axis.set_ylabel("robot error, RMS [m]")
-    axis.set_title("Error against computing time, K = 100 (numbers: M)")
-    style.plain_log_ticks(axis.xaxis)
-    style.plain_log_ticks(axis.yaxis)
-    style.legend_below(axis)
+    figure = new_figure(8.8, 4.2)
+    axes = figure.subplots(1, 2)
+    for axis, metric, title in zip(axes, _ERRORS, ("Robot", "Landmarks"), strict=True):
+        for number, name in enumerate(("fastslam1", "fastslam2")):
+            own = filters[number * len(counts) : (number + 1) * len(counts)]
+            _plot_against_time(axis, own, metric, name)
+            for m, group in zip(counts, own, strict=True):
+                at = (group.summary["filter_seconds"].mean, group.summary[metric].mean)
+                offset = (4, 6) if number == 0 else (4, -11)
+                axis.annotate(
+                    f"{m}", at, offset, textcoords="offset points", fontsize=7.5, color=_COLOR[name]
+                )
+        _plot_against_time(axis, ekf, metric, "ekf")
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_xlabel("computing time of the run [s]")
+        axis.set_ylabel("error, RMS [m]")
+        axis.set_title(f"{title}, K = 100 (numbers: M)")
+        style.plain_log_ticks(axis.xaxis)
+        style.plain_log_ticks(axis.yaxis)
+    style.legend_below(axes[0])
     return figure
+
+
+def _plot_against_time(axis: Axes, groups: Sequence[Group], metric: str, name: str) -> None:
+    x = [group.summary["filter_seconds"].mean for group in groups]
+    values = [group.summary[metric] for group in groups]
+    marker = "s" if name == "ekf" else "o"
+    plot_series(axis, x, values, label=_LABEL[name], color=_COLOR[name], marker=marker)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
-from ..evaluation import evaluate_run
+from ..evaluation import Evaluation, RigidTransform, evaluate_run
 from ..log import Log
 from ..plots import new_figure, plot_map, style
 from ..plots.map import ellipse_axes
@@ -84,6 +84,13 @@ def _run(reach_m: float, particles: int) -> _Field:
     return _Field(reach_m, log, run(log, config))
 
 
+def _in_world(field: _Field) -> Evaluation:
+    """The evaluation without alignment: the start is known, so the run's world is the true one."""
+    found = evaluate_run(field.result, field.log)
+    assert found.live is not None, "a simulated log has its true path"
+    return replace(found, live=replace(found.live, transform=RigidTransform.identity()))
+
+
 def _draw_path_ellipses(axis: Axes, result: RunResult) -> None:
     """Uncertainty of the position every few seconds, as it was then."""
     trajectory = result.trajectory
@@ -109,7 +116,7 @@ def _draw_path_ellipses(axis: Axes, result: RunResult) -> None:
 def _draw(fields: list[_Field]) -> Figure:
     figure = new_figure(10.5, 5.4)
     for axis, field in zip(figure.subplots(1, 2), fields, strict=True):
-        plot_map(axis, field.result, field.log)
+        plot_map(axis, field.result, field.log, evaluation=_in_world(field))
         _draw_path_ellipses(axis, field.result)
         axis.set_title(f"Perceptual field of {field.reach_m:g} m")
     return figure
