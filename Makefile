@@ -14,7 +14,7 @@ PYTHON_BENCHES := $(wildcard benchmarks/bench_*.py)
 QUICK ?=
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-rust test-python lint format bench clean
+.PHONY: help setup demo test test-rust test-python lint format docs bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -43,6 +43,10 @@ format: setup ## format both languages in place
 	cargo fmt --all
 	$(BIN)/python -m ruff check --fix .
 	$(BIN)/python -m ruff format .
+
+docs: setup ## write the reference pages that come from the code, and the picture of the README
+	$(BIN)/python docs/generate.py
+	$(BIN)/python docs/images/draw.py
 
 bench: setup ## run the benchmarks (QUICK=1: a short pass over each)
 ifneq ($(CARGO_BENCHES),)

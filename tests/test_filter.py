@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
-
-import fastslam.filter
 import numpy as np
 import pytest
 from fastslam import FastSlam
@@ -25,11 +22,6 @@ def drive(robot: FastSlam, *, steps: int = 40, named: bool = True) -> None:
             bearing_rad=np.arctan2(offset[:, 1], offset[:, 0]),
             identity=list(LANDMARKS_M) if named else None,
         )
-
-
-def test_docstring_example_runs() -> None:
-    results = doctest.testmod(fastslam.filter)
-    assert results.attempted >= 4 and results.failed == 0
 
 
 @pytest.mark.parametrize("named", [True, False])
@@ -74,6 +66,31 @@ def test_sightings_that_cannot_be_used_are_skipped_and_counted() -> None:
     assert np.isfinite(robot.landmarks.mean_m).all()
 
 
+def test_a_step_is_a_prediction_and_an_update() -> None:
+    alone, together = FastSlam(), FastSlam()
+    for _ in range(3):
+        alone.predict([1.0, 0.1], dt_s=0.2)
+    alone.update(0.6, range_m=[3.0], bearing_rad=[0.2], identity=[7])
+    for _ in range(2):
+        together.predict([1.0, 0.1], dt_s=0.2)
+    together.step([1.0, 0.1], dt_s=0.2, range_m=[3.0], bearing_rad=[0.2], identity=["7"])
+    np.testing.assert_array_equal(alone.particles[0], together.particles[0])
+    np.testing.assert_allclose(together.path.stamp_s, [0.6], atol=1e-12)
+    assert together.landmarks.ids == ("7",)
+
+
+def test_a_sighting_may_bring_its_own_covariance() -> None:
+    robot = FastSlam()
+    covariance = [[0.04, 0.0, 1e-4], [np.nan, np.nan, np.nan]]
+    robot.update(
+        0.0, range_m=[4.0, 4.0], bearing_rad=[0.0, 0.0], identity=["own", "default"], covariance=covariance
+    )
+    own, default = (robot.landmarks.covariance_m2[robot.landmarks.ids.index(n)] for n in ("own", "default"))
+    # Straight ahead: the variance of the range along x, that of the bearing times 4 m squared along y.
+    np.testing.assert_allclose(own, np.diag([0.04, 16e-4]), atol=1e-12)
+    np.testing.assert_allclose(default, np.diag([0.1**2, (4.0 * 0.02) ** 2]), atol=1e-12)
+
+
 def test_bad_calls_are_refused() -> None:
     with pytest.raises(ConfigError, match=r"^filter\.particles: "):
         FastSlam({"filter": {"particles": 0}})
@@ -86,3 +103,11 @@ def test_bad_calls_are_refused() -> None:
         robot.update(0.0, range_m=[1.0, 2.0], bearing_rad=[0.0])
     with pytest.raises(DataError, match="equal numbers"):
         robot.update(0.0, range_m=[1.0, 2.0], bearing_rad=[0.0, 0.1], identity=["one"])
+    with pytest.raises(DataError, match="identity: got -1, expected a name"):
+        robot.update(0.0, range_m=[1.0], bearing_rad=[0.0], identity=[-1])
+    with pytest.raises(DataError, match="n x 3"):
+        robot.update(0.0, range_m=[1.0, 2.0], bearing_rad=[0.0, 0.1], covariance=[[0.1, 0.0, 0.1]])
+    robot.update(2.0, range_m=[1.0], bearing_rad=[0.0], identity=["one"])
+    for stamp_s in (1.0, float("nan")):
+        with pytest.raises(DataError, match=r"expected a finite time not before 2\.0"):
+            robot.update(stamp_s, range_m=[1.0], bearing_rad=[0.0], identity=["one"])

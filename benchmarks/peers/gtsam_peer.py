@@ -36,7 +36,7 @@ PRIOR_STD = 1e-6
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one solver did: `live` is the estimate at each stamp when it was the last, `smoothed` at the end."""
+    """What one solver did: `live` is the estimate at each stamp when it was new, `smoothed` at the end."""
 
     solver: str
     seconds: float

@@ -19,6 +19,9 @@ class Config(Settings):
     def resolve(cls, *layers: Layer) -> Config:
         """Lays partial configurations over the defaults, later ones winning, and checks the outcome.
 
+        >>> Config.resolve({"filter": {"particles": 50}}, {"seed": 3})["filter"]["particles"]
+        50
+
         Errors: `ConfigError`, its message starting with the dotted key.
         """
         return cls(dict(_SCHEMA.resolve(*layers)), _SCHEMA)

@@ -13,9 +13,8 @@ from .errors import ConfigError, DataError
 from .log import Controls, Floats, Ints, Log, Scans, Sightings
 from .settings import Layer, Schema, Settings
 
-_SCHEMA = Schema(
-    _core.detector_schema, _core.resolve_detector, explained_by="fastslam config explain detector"
-)
+SCHEMA = Schema(_core.detector_schema, _core.resolve_detector, explained_by="docs/detectors.md")
+"""The settings of the detectors."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Detections:
 
 def configure_detector(*layers: Layer) -> Settings:
     """Detector settings: `layers` over the defaults, later ones winning. Errors: ConfigError."""
-    return _SCHEMA.resolve(*layers)
+    return SCHEMA.resolve(*layers)
 
 
 def find(scans: Scans, config: Layer | None = None, *, twists: Floats | None = None) -> Detections:
@@ -75,7 +74,7 @@ def detect(log: Log, config: Layer | None = None) -> Log:
     """
     if log.scans is None:
         raise DataError("the log holds no laser scans to detect landmarks in", log.source)
-    settings = _SCHEMA.merge(log.scans.detector, config or {})
+    settings = SCHEMA.merge(log.scans.detector, config or {})
     try:
         detections = find(log.scans, settings, twists=sensor_twists(log))
     except DataError as error:

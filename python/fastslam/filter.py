@@ -18,7 +18,7 @@ from .result import LandmarkMap, Trajectory
 from .settings import Layer
 
 Identity = str | int | None
-"""Name or number of a landmark; None where nobody says which one it is."""
+"""Name or number (from 0) of a landmark; None where nobody says which one it is."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,8 @@ class FastSlam:
     """FastSLAM over a stream: `predict` for every control, `update` for every scan, state as arrays.
 
     `config` is laid over the defaults. `identities` says whether all sightings of the stream will name their
-    landmark, some, or none; with `all` a sighting that does not is skipped and counted.
+    landmark, some, or none; with `all` a sighting that does not is skipped and counted. Names and numbers are
+    one: `7` and `"7"` are the same landmark.
 
     >>> robot = FastSlam({"filter": {"particles": 50}})
     >>> robot.predict([1.0, 0.0], dt_s=0.1)
@@ -58,6 +59,8 @@ class FastSlam:
         self._filter = _core.Filter(self.config.to_json(), identities)
         self._control_columns = _core.control_columns(self.config.to_json())
         self._index_of: dict[str, int] = {}
+        self._stamp_s = 0.0
+        self._updated_s = -np.inf
 
     def predict(self, control: ArrayLike, dt_s: float) -> None:
         """Moves the robot: a control of the motion model (2 or 3 numbers) that acted for `dt_s`.
@@ -71,6 +74,7 @@ class FastSlam:
         values[: len(given)] = given
         with _core_errors():
             self._filter.predict(values.tolist(), dt_s)
+        self._stamp_s += dt_s
 
     def update(
         self,
@@ -79,18 +83,39 @@ class FastSlam:
         range_m: ArrayLike,
         bearing_rad: ArrayLike,
         identity: Sequence[Identity] | None = None,
+        covariance: ArrayLike | None = None,
     ) -> StepInfo:
         """Corrects with the sightings of one scan, in the sensor's frame; none at all is a scan too.
 
-        Shapes: all (S,). Errors: `DataError` for columns of different lengths, `NumericalError` when the
-        filter cannot go on.
+        Shapes: all (S,); `covariance` (S, 3) is that of each range and bearing as (m², m·rad, rad²), NaN
+        where the sensor's own noise holds. Errors: `DataError` for columns of different lengths, a stamp
+        before the last one, or an identity that is neither name nor number; `NumericalError` when the filter
+        cannot go on.
         """
+        if not (np.isfinite(stamp_s) and stamp_s >= self._updated_s):
+            raise DataError(f"stamp_s: got {stamp_s}, expected a finite time not before {self._updated_s}")
         ranges = np.atleast_1d(np.asarray(range_m, dtype=np.float64))
         bearings = np.atleast_1d(np.asarray(bearing_rad, dtype=np.float64))
+        noise = None if covariance is None else np.asarray(covariance, dtype=np.float64).reshape(-1, 3)
         with _core_errors():
-            return StepInfo(
-                **self._filter.update(stamp_s, ranges, bearings, self._indices(identity, len(ranges)))
+            columns = self._filter.update(
+                stamp_s, ranges, bearings, self._indices(identity, len(ranges)), noise
             )
+        self._stamp_s = self._updated_s = stamp_s
+        return StepInfo(**columns)
+
+    def step(
+        self,
+        control: ArrayLike,
+        *,
+        dt_s: float,
+        range_m: ArrayLike = (),
+        bearing_rad: ArrayLike = (),
+        identity: Sequence[Identity] | None = None,
+    ) -> StepInfo:
+        """`predict`, then `update` at the time that the controls since the last update (or 0) add up to."""
+        self.predict(control, dt_s)
+        return self.update(self._stamp_s, range_m=range_m, bearing_rad=bearing_rad, identity=identity)
 
     @property
     def pose(self) -> tuple[Floats, Floats]:
@@ -115,11 +140,21 @@ class FastSlam:
     def _indices(self, identity: Sequence[Identity] | None, count: int) -> Ints:
         if identity is None:
             return np.full(count, -1, dtype=np.int64)
-        names = [None if name is None else str(name) for name in identity]
+        names = [_name(value) for value in identity]
         return np.array(
             [-1 if name is None else self._index_of.setdefault(name, len(self._index_of)) for name in names],
             dtype=np.int64,
         )
+
+
+def _name(identity: Identity) -> str | None:
+    """A landmark's name as text; -1, which logs use for nobody says, must not become a name."""
+    if identity is None:
+        return None
+    number = isinstance(identity, int | np.integer) and not isinstance(identity, bool)
+    if (isinstance(identity, str) and identity) or (number and int(identity) >= 0):
+        return str(identity)
+    raise DataError(f"identity: got {identity!r}, expected a name, a number from 0, or None for unknown")
 
 
 def landmark_map(columns: dict[str, np.ndarray], identity_names: tuple[str, ...]) -> LandmarkMap:

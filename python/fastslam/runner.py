@@ -44,6 +44,12 @@ def run(
 ) -> RunResult:
     """Runs the filter over a log, given as such or as a path (`format` and `robot` as for `datasets.load`).
 
+    >>> from fastslam.simulation import simulate
+    >>> log = simulate({"seed": 1, "world": {"count": 20}})
+    >>> result = run(log, {"filter": {"particles": 30}})
+    >>> result.landmarks.mean_m.shape == (len(result.landmarks.ids), 2)
+    True
+
     Where the log has laser scans and no sightings, landmarks are detected in the scans first.
 
     `config` is laid over the log's own settings and the defaults. A KeyboardInterrupt, Ctrl-C for one, stops

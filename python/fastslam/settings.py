@@ -49,7 +49,7 @@ class Settings(Mapping[str, Any]):
 class Schema:
     """One schema of the core: what `read` describes (JSON Schema) and `resolve_json` fills in and checks.
 
-    `explained_by` is the command that users are pointed to.
+    `explained_by` is the command or page that users are pointed to.
     """
 
     def __init__(

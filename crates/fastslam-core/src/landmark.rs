@@ -116,17 +116,27 @@ impl Tail {
         }
     }
 
-    /// The log-density of two dimensions in place of the normal one. The normalising constant is 1 / 2π for both.
+    /// The logarithm of the density of two dimensions over the normal one. The normalising constant is 1 / 2π for both.
+    #[inline(always)]
+    pub fn log_excess(self, mahalanobis_squared: f64) -> f64 {
+        match self {
+            Self::Gaussian => 0.0,
+            Self::StudentT(k) => 0.5 * mahalanobis_squared - 0.5 * (k + 2.0) * math::ln(1.0 + mahalanobis_squared / k),
+        }
+    }
+
+    /// The Mahalanobis distance at which the logarithm of the density lies `log_ratio` below its peak.
+    pub fn reach(self, log_ratio: f64) -> f64 {
+        let log_ratio = log_ratio.max(0.0);
+        match self {
+            Self::Gaussian => (2.0 * log_ratio).sqrt(),
+            Self::StudentT(k) => (k * (math::exp(2.0 * log_ratio / (k + 2.0)) - 1.0)).sqrt(),
+        }
+    }
+
     #[inline(always)]
     fn log_likelihood(self, gaussian: Fit) -> Fit {
-        match self {
-            Self::Gaussian => gaussian,
-            Self::StudentT(k) => {
-                let d = gaussian.mahalanobis_squared;
-                let excess = 0.5 * d - 0.5 * (k + 2.0) * math::ln(1.0 + d / k);
-                Fit { log_likelihood: gaussian.log_likelihood + excess, mahalanobis_squared: d }
-            }
-        }
+        Fit { log_likelihood: gaussian.log_likelihood + self.log_excess(gaussian.mahalanobis_squared), ..gaussian }
     }
 }
 
@@ -368,6 +378,17 @@ mod tests {
         // t density with 4 degrees of freedom and unit scale at d² = 4: (1 + 4/4)^-3 / 2π = 1 / 16π.
         let density = fit_with_tail([2.0, 0.0], Symmetric2::new(1.0, 0.0, 1.0), heavy).log_likelihood;
         assert!((density + (16.0 * std::f64::consts::PI).ln()).abs() < 1e-14);
+    }
+
+    #[test]
+    fn the_reach_is_where_the_density_has_fallen_that_far() {
+        for tail in [Tail::Gaussian, Tail::StudentT(4.0), Tail::StudentT(30.0)] {
+            for log_ratio in [0.0, 0.3, 5.0, 12.0] {
+                let d2 = tail.reach(log_ratio).powi(2);
+                let fallen = 0.5 * d2 - tail.log_excess(d2);
+                assert!((fallen - log_ratio).abs() < 1e-12, "{tail:?}: {fallen} against {log_ratio}");
+            }
+        }
     }
 
     #[test]

@@ -25,3 +25,8 @@ pub mod testing;
 pub mod timeline;
 pub mod vector;
 pub mod weights;
+
+/// The documentation's Rust blocks, which compile and run as tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../../docs/add-a-measurement-model.md")]
+struct AddAMeasurementModel;

@@ -148,7 +148,7 @@ def error_against_time(scale: Scale) -> list[Claim]:
             "error against computing time (not in the paper)",
             "—",
             f"{at('fastslam1', 100)}; {at('fastslam2', 10)}; {at('fastslam2', 100)}; "
-            f" EKF-SLAM: {said(ekf[0])} in "
+            f"EKF-SLAM: {said(ekf[0])} in "
             f"{joint['filter_seconds'].mean:.3g} s (K = 100)",
         )
     ]

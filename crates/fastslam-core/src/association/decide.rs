@@ -101,7 +101,11 @@ impl Rules {
         let gate = |probability: f64| -2.0 * math::ln(1.0 - probability);
         let twice = model.noise_covariance().scaled(2.0);
         let log_new_density = association.new_landmark_density.map_or_else(
-            || -0.5 * (gate(association.new_landmark_gate_probability) + math::ln(twice.determinant())) - LN_TAU,
+            || {
+                let outer = gate(association.new_landmark_gate_probability);
+                let excess = config.sensor.tail().log_excess(outer);
+                -0.5 * (outer + math::ln(twice.determinant())) - LN_TAU + excess
+            },
             math::ln,
         );
         Self {
@@ -115,9 +119,9 @@ impl Rules {
 
     /// How many standard deviations a landmark can lie off and still be likelier than a new one: its likelihood is at
     /// most that with the sensor's noise alone.
-    pub fn gate_radius<M: MeasurementModel>(&self, model: &M) -> f64 {
+    pub fn gate_radius<M: MeasurementModel>(&self, model: &M, tail: Tail) -> f64 {
         let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
-        (2.0 * (peak - self.log_new_density)).max(0.0).sqrt()
+        tail.reach(peak - self.log_new_density)
     }
 }
 

@@ -55,7 +55,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
     ///
     /// **Why:** a linear search is as nothing beside the correction, and traces bound the largest eigenvalues.
     fn candidates(&self, scan: &[ScanSighting]) -> Vec<Vec<u32>> {
-        let reach = self.rules.gate_radius(&self.model);
+        let reach = self.rules.gate_radius(&self.model, self.config.sensor.tail());
         let sensor = self.pose.compose(self.T_robot_sensor);
         let lever_arm_m = self.T_robot_sensor.x.hypot(self.T_robot_sensor.y);
         let pose = self.covariance.of_pose();

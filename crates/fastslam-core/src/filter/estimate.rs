@@ -101,7 +101,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
             let identity = if self.landmarks.columns() > column::IDENTITY {
                 let mark = self.landmarks.read(slot).column(column::IDENTITY)[best];
-                (mark > 0.0).then(|| mark as u32 - 1)
+                (mark > 0.0).then_some((mark - 1.0) as u32)
             } else {
                 known.identity
             };

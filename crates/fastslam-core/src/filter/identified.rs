@@ -28,6 +28,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         if self.resample_if_needed(info) {
             self.restart_weights();
         }
+        self.samplings += 1;
         Ok(())
     }
 

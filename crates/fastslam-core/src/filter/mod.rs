@@ -74,7 +74,7 @@ pub struct StepInfo {
 /// Sightings that could not be used, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Skipped {
-    /// Range or bearing is NaN or infinite.
+    /// Range or bearing is NaN or infinite, or the bearing too large for an angle.
     pub not_finite: u32,
     /// Nearer than the sensor's minimum.
     pub too_near: u32,
@@ -148,7 +148,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let rules = Rules::new(&config, &model);
         let start = config.initial_pose.T_world_robot();
         let particles = config.filter.particles as usize;
-        let gate_radius = rules.gate_radius(&model);
+        let gate_radius = rules.gate_radius(&model, config.sensor.tail());
         let noise = model.noise_covariance();
         let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
         Ok(Self {
@@ -264,8 +264,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         let count = self.particles.len();
         info.effective_sample_size = self.weights.effective_sample_size;
         let settings = &self.config.filter.resampling;
-        let wanted = settings.threshold >= 1.0 && info.sightings > 0;
-        if !wanted && self.weights.effective_sample_size >= settings.threshold * count as f64 {
+        // Without sightings the weights are what they were, but for rounding.
+        let low = settings.threshold >= 1.0 || info.effective_sample_size < settings.threshold * count as f64;
+        if info.sightings == 0 || !low {
             return false;
         }
         let stream = self.random.stream(Purpose::Resampling, self.samplings);

@@ -2,7 +2,7 @@
 
 use super::{Identities, Sighting, Skipped};
 use crate::association::ScanSighting;
-use crate::landmark::{Measured, Tail};
+use crate::landmark::Measured;
 use crate::measurement::{MeasurementModel, Sensor};
 
 /// The sightings that can be used, as measurements; the others are counted by reason.
@@ -13,12 +13,12 @@ pub(crate) fn usable<M: MeasurementModel>(
     sightings: &[Sighting],
     skipped: &mut Skipped,
 ) -> Vec<ScanSighting> {
-    let tail = Tail::from_degrees_of_freedom(sensor.tail_degrees_of_freedom);
+    let tail = sensor.tail();
     let mut usable = Vec::with_capacity(sightings.len());
     for s in sightings {
         let identity = if identities == Identities::None { None } else { s.identity };
         let range = model.range(s.value);
-        if !s.value.iter().all(|v| v.is_finite()) {
+        if !model.is_usable(s.value) {
             skipped.not_finite += 1;
         } else if range < sensor.min_range_m {
             skipped.too_near += 1;

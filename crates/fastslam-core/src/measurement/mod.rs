@@ -11,6 +11,7 @@ pub use range_bearing::RangeBearing;
 
 use crate::error::{finite, positive, Result};
 use crate::geometry::{Pose, Symmetric2};
+use crate::landmark::Tail;
 use crate::real::{Dual, Real};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -39,6 +40,11 @@ pub trait MeasurementModel {
 
     /// R: covariance of the measurement.
     fn noise_covariance(&self) -> Symmetric2;
+
+    /// Whether the numbers of a measurement can be computed with.
+    fn is_usable(&self, measured: [f64; 2]) -> bool {
+        measured.iter().all(|v| v.is_finite())
+    }
 
     /// Distance of the landmark from the sensor, metres.
     fn range(&self, measured: [f64; 2]) -> f64;
@@ -153,6 +159,11 @@ impl Sensor {
             self.mounting.validate()
         };
         check().map_err(|e| e.within("sensor"))
+    }
+
+    /// How the noise falls off.
+    pub fn tail(&self) -> Tail {
+        Tail::from_degrees_of_freedom(self.tail_degrees_of_freedom)
     }
 
     /// The range-bearing model with this sensor's noise.

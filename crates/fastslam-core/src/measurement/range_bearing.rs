@@ -39,6 +39,11 @@ impl MeasurementModel for RangeBearing {
         Symmetric2::new(self.range_std_m * self.range_std_m, 0.0, self.bearing_std_rad * self.bearing_std_rad)
     }
 
+    fn is_usable(&self, measured: [f64; 2]) -> bool {
+        // Beyond some thousand turns rounding leaves nothing of an angle, and sine and cosine need not be in [-1, 1].
+        measured[0].is_finite() && measured[1].abs() < 1e5
+    }
+
     fn range(&self, measured: [f64; 2]) -> f64 {
         measured[0]
     }

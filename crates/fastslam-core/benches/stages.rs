@@ -1,0 +1,152 @@
+//! Time per stage of the filter: motion, known update, unknown association, resampling; per store, particles and
+//! landmarks. One iteration is one call for all particles.
+//!
+//! `cargo bench -p fastslam-core --bench stages` in an otherwise idle machine. What is not measured: reading logs, the
+//! first sighting of each landmark, memory.
+
+#![allow(clippy::expect_used, missing_docs)] // A benchmark that cannot run says so by failing.
+
+use criterion::{criterion_group, criterion_main, BatchSize, BenchmarkId, Criterion, Throughput};
+use fastslam_core::config::{Algorithm, Config};
+use fastslam_core::filter::{FastSlam, Identities, Sighting};
+use fastslam_core::motion::{Motion, PoseColumns, Velocity};
+use fastslam_core::random::{Purpose, RandomSource};
+use fastslam_core::resampling::{resample, ResamplingScheme};
+use fastslam_core::store::StoreKind;
+use std::hint::black_box;
+use std::time::Duration;
+
+const PARTICLES: [u32; 2] = [100, 1000];
+const LANDMARKS: [u32; 2] = [100, 1000];
+/// Landmarks in one scan.
+const SCAN: u32 = 5;
+
+/// Every store that this build knows, by its name in a configuration.
+fn stores() -> Vec<(&'static str, StoreKind)> {
+    let known = |name: &'static str| serde_json::from_str(&format!("\"{name}\"")).ok().map(|kind| (name, kind));
+    ["dense", "tree", "lineage"].into_iter().filter_map(known).collect()
+}
+
+/// The landmarks stand in rings about the origin, 2 m apart or more, so that sightings from there are unambiguous.
+fn sighting(n: u32, identities: Identities) -> Sighting {
+    let (ring, place) = (n / 40, n % 40);
+    let range_m = 15.0 + 2.5 * f64::from(ring);
+    let bearing_rad = std::f64::consts::TAU * (f64::from(place) / 40.0 - 0.49);
+    Sighting::range_bearing(range_m, bearing_rad, (identities == Identities::All).then_some(n))
+}
+
+fn filter(
+    algorithm: Algorithm,
+    identities: Identities,
+    store: StoreKind,
+    [m, k]: [u32; 2],
+    threshold: f64,
+) -> FastSlam {
+    let mut config = Config { algorithm, seed: 1, ..Config::default() };
+    config.filter.particles = m;
+    config.filter.store = store;
+    config.filter.resampling.threshold = threshold;
+    config.sensor.max_range_m = 1000.0;
+    config.motion = Motion::Velocity(Velocity { lateral_std_m_per_s: 0.05, ..Velocity::default() });
+    let mut filter = FastSlam::new(config, identities).expect("a valid configuration");
+    let everything: Vec<Sighting> = (0..k).map(|n| sighting(n, identities)).collect();
+    let info = filter.update(0.0, &everything).expect("new landmarks");
+    assert_eq!(info.new_landmarks, k);
+    filter
+}
+
+fn scan_at(step: u32, k: u32, identities: Identities) -> Vec<Sighting> {
+    (0..SCAN).map(|j| sighting((7 * step + 13 * j) % k, identities)).collect()
+}
+
+/// One step (control and scan of five) at rest, with resampling below half of the particles.
+fn steps(c: &mut Criterion) {
+    for (name, algorithm, identities) in [
+        ("known 1.0", Algorithm::Fastslam1, Identities::All),
+        ("known 2.0", Algorithm::Fastslam2, Identities::All),
+        ("unknown 1.0", Algorithm::Fastslam1, Identities::None),
+        ("unknown 2.0", Algorithm::Fastslam2, Identities::None),
+    ] {
+        let mut group = c.benchmark_group(format!("step/{name}"));
+        for (store_name, store) in stores() {
+            for m in PARTICLES {
+                for k in LANDMARKS {
+                    group.throughput(Throughput::Elements(u64::from(m * SCAN)));
+                    let id = BenchmarkId::new(store_name, format!("M={m} K={k}"));
+                    group.bench_function(id, |b| {
+                        let mut filter = filter(algorithm, identities, store, [m, k], 0.5);
+                        let mut step = 0;
+                        b.iter(|| {
+                            step += 1;
+                            filter.predict([0.0; 3], 0.01).expect("a valid control");
+                            let scan = scan_at(step, k, identities);
+                            black_box(filter.update(f64::from(step), &scan).expect("explained"))
+                        });
+                    });
+                }
+            }
+        }
+    }
+}
+
+fn motion_sampling(c: &mut Criterion) {
+    let mut group = c.benchmark_group("motion sampling");
+    let motion = Motion::default();
+    for m in PARTICLES {
+        let zero = vec![0.0; m as usize];
+        let (mut x, mut y, mut heading) = (zero.clone(), zero.clone(), zero);
+        let mut step = 0;
+        group.throughput(Throughput::Elements(u64::from(m)));
+        group.bench_function(BenchmarkId::from_parameter(format!("M={m}")), |b| {
+            b.iter(|| {
+                step += 1;
+                let stream = RandomSource::new(1).stream(Purpose::Motion, step);
+                let poses = PoseColumns { first_particle: 0, x: &mut x, y: &mut y, heading: &mut heading };
+                motion.sample([1.0, 0.1, 0.0], 0.1, stream, poses);
+            });
+        });
+    }
+}
+
+/// Ancestors of unequal weights, and what a store does with them after one landmark was touched.
+fn resampling(c: &mut Criterion) {
+    let mut group = c.benchmark_group("resampling");
+    for m in PARTICLES {
+        let weights: Vec<f64> = (0..m).map(|i| f64::from(1 + i % 7)).collect();
+        let total: f64 = weights.iter().sum();
+        let weights: Vec<f64> = weights.iter().map(|w| w / total).collect();
+        let draw = |step: u64, ancestors: &mut Vec<u32>| {
+            let stream = RandomSource::new(1).stream(Purpose::Resampling, step);
+            resample(ResamplingScheme::Systematic, &weights, m as usize, stream, ancestors);
+        };
+        group.throughput(Throughput::Elements(u64::from(m)));
+        group.bench_function(BenchmarkId::new("ancestors", format!("M={m}")), |b| {
+            let (mut step, mut ancestors) = (0, Vec::new());
+            b.iter(|| {
+                step += 1;
+                draw(step, &mut ancestors);
+            });
+        });
+        for (name, kind) in stores() {
+            for k in LANDMARKS {
+                group.bench_function(BenchmarkId::new(name, format!("M={m} K={k}")), |b| {
+                    let mut store = kind.create(m as usize, 6);
+                    (0..k).for_each(|slot| store.insert(slot, &vec![1.0; 6 * m as usize]));
+                    let mut ancestors = Vec::new();
+                    draw(0, &mut ancestors);
+                    b.iter_batched(|| (), |()| store.resample(&ancestors), BatchSize::SmallInput);
+                });
+            }
+        }
+    }
+}
+
+fn short() -> Criterion {
+    Criterion::default()
+        .sample_size(10)
+        .warm_up_time(Duration::from_millis(100))
+        .measurement_time(Duration::from_millis(300))
+}
+
+criterion_group! { name = stages; config = short(); targets = motion_sampling, resampling, steps }
+criterion_main!(stages);

@@ -1,0 +1,332 @@
+//! Bad input, extreme settings and everything in between: an error, a counted skip or finite numbers, never a panic.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
+
+use fastslam_core::config::{Algorithm, Config};
+use fastslam_core::error::Error;
+use fastslam_core::filter::{FastSlam, Identities, Sighting, Skipped};
+use fastslam_core::geometry::Symmetric2;
+use fastslam_core::motion::{Motion, Velocity};
+use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
+
+const ALGORITHMS: [Algorithm; 2] = [Algorithm::Fastslam1, Algorithm::Fastslam2];
+const IDENTITIES: [Identities; 3] = [Identities::All, Identities::Some, Identities::None];
+
+fn config(algorithm: Algorithm) -> Config {
+    let mut config = Config { algorithm, seed: 2, ..Config::default() };
+    config.filter.particles = 20;
+    config
+}
+
+fn labelled(range_m: f64, bearing_rad: f64, identity: u32) -> Sighting {
+    Sighting::range_bearing(range_m, bearing_rad, Some(identity))
+}
+
+/// Errors that name the first number of the filter's output that is not finite.
+fn check_finite(filter: &mut FastSlam) -> Result<(), String> {
+    let finite = |what: &str, values: &[f64]| match values.iter().all(|v| v.is_finite()) {
+        true => Ok(()),
+        false => Err(format!("{what}: {values:?}")),
+    };
+    let pose = filter.pose();
+    finite("pose", &pose.mean.to_array())?;
+    finite("covariance", pose.covariance.as_flattened())?;
+    finite("weights", filter.weights())?;
+    let particles = filter.particles();
+    finite("x", &particles.x)?;
+    finite("y", &particles.y)?;
+    finite("heading", &particles.heading)?;
+    for landmark in filter.map().landmarks {
+        let c = landmark.covariance;
+        finite("landmark", &[landmark.mean[0], landmark.mean[1], c.xx, c.xy, c.yy])?;
+        if c.xx <= 0.0 || c.yy <= 0.0 {
+            return Err(format!("variance of a landmark: {c:?}"));
+        }
+    }
+    for (_, pose) in filter.best_path() {
+        finite("path", &pose.to_array())?;
+    }
+    Ok(())
+}
+
+#[test]
+fn unusable_sightings_are_counted_and_leave_no_trace() {
+    let good = [labelled(3.0, 0.4, 1), labelled(5.0, -2.0, 2)];
+    let bad = [
+        labelled(f64::NAN, 0.0, 1),
+        labelled(3.0, f64::INFINITY, 2),
+        labelled(3.0, 1e9, 2),
+        labelled(f64::NEG_INFINITY, 0.0, 3),
+        labelled(0.0, 0.0, 4),
+        labelled(0.01, 1.0, 5),
+        labelled(-4.0, 0.0, 6),
+        labelled(1000.0, 0.0, 7),
+        Sighting::range_bearing(3.0, 0.4, None),
+    ];
+    for algorithm in ALGORITHMS {
+        let run = |noisy: bool| {
+            let mut filter = FastSlam::new(config(algorithm), Identities::All).unwrap();
+            let mut skipped = Vec::new();
+            for step in 0..4 {
+                filter.predict([1.0, 0.1, 0.0], 0.5).unwrap();
+                let mut scan = good.to_vec();
+                if noisy {
+                    scan.splice(1..1, bad);
+                }
+                let info = filter.update(f64::from(step), &scan).unwrap();
+                assert_eq!(info.sightings, 2);
+                skipped.push(info.skipped);
+            }
+            (filter.pose(), filter.map(), skipped)
+        };
+        let ((pose, map, none), (pose_noisy, map_noisy, counted)) = (run(false), run(true));
+        assert_eq!((pose, map), (pose_noisy, map_noisy), "{algorithm:?}");
+        assert_eq!(none, vec![Skipped::default(); 4]);
+        let expected = Skipped { not_finite: 4, too_near: 3, too_far: 1, without_identity: 1 };
+        assert_eq!(counted, vec![expected; 4], "{algorithm:?}");
+    }
+}
+
+#[test]
+fn controls_that_are_not_numbers_are_errors() {
+    for algorithm in ALGORITHMS {
+        let mut filter = FastSlam::new(config(algorithm), Identities::All).unwrap();
+        for (control, dt_s) in
+            [([f64::NAN, 0.0, 0.0], 0.1), ([0.0, f64::INFINITY, 0.0], 0.1), ([0.0; 3], f64::NAN), ([0.0; 3], -1.0)]
+        {
+            let error = filter.predict(control, dt_s).unwrap_err().to_string();
+            assert!(error.contains("expected finite numbers and dt_s >= 0"), "{error}");
+        }
+        check_finite(&mut filter).unwrap();
+    }
+}
+
+#[test]
+fn extremely_small_noise_gives_finite_answers() {
+    let mut cases = 0;
+    for algorithm in ALGORITHMS {
+        for identities in [Identities::All, Identities::None] {
+            for std in [1e-4, 1e-6, 1e-9] {
+                let mut config = config(algorithm);
+                config.sensor.range_std_m = std;
+                config.sensor.bearing_std_rad = std;
+                let mut filter = FastSlam::new(config, identities).unwrap();
+                for step in 0..20 {
+                    filter.predict([1.0, 0.2, 0.0], 0.1).unwrap();
+                    let at = f64::from(step);
+                    let seen = [labelled(5.0 - 0.1 * at, 0.02 * at, 1), labelled(4.0, 1.5 - 0.02 * at, 2)];
+                    filter.update(at, &seen).unwrap();
+                    check_finite(&mut filter).unwrap_or_else(|e| panic!("{algorithm:?} {identities:?} {std}: {e}"));
+                }
+                cases += 1;
+            }
+        }
+    }
+    assert_eq!(cases, 12);
+}
+
+/// By how much one wild sighting among thirty good ones moves a landmark.
+fn damage_m(algorithm: Algorithm, tail: Option<f64>) -> f64 {
+    let mut config = config(algorithm);
+    config.filter.particles = 1;
+    config.sensor.tail_degrees_of_freedom = tail;
+    let mut filter = FastSlam::new(config, Identities::All).unwrap();
+    for step in 0..31 {
+        let range_m = if step == 15 { 45.0 } else { 5.0 };
+        filter.update(f64::from(step), &[labelled(range_m, 0.3, 1)]).unwrap();
+        check_finite(&mut filter).unwrap();
+    }
+    let landmark = filter.map().landmarks[0];
+    assert_eq!(landmark.sightings, 31);
+    f64::hypot(landmark.mean[0] - 5.0 * 0.3_f64.cos(), landmark.mean[1] - 5.0 * 0.3_f64.sin())
+}
+
+#[test]
+fn a_heavy_tail_forgives_a_wild_sighting() {
+    for algorithm in ALGORITHMS {
+        // 31 equal weights: the mean moves by 40 m / 31.
+        let gaussian = damage_m(algorithm, None);
+        assert!((gaussian - 40.0 / 31.0).abs() < 1e-6, "{algorithm:?}: {gaussian}");
+        // d² = 40² / (0.1² (1 + 1/15)) = 150,000 makes the sighting's noise 25,000 times larger (4 degrees of
+        // freedom), so that it pulls by 40 m / (25,000 · 16) when it comes, 1e-4 m.
+        let heavy = damage_m(algorithm, Some(4.0));
+        assert!(heavy < 2e-3, "{algorithm:?}: {heavy}");
+    }
+}
+
+#[test]
+fn one_particle_is_enough() {
+    for algorithm in ALGORITHMS {
+        for identities in IDENTITIES {
+            let mut config = config(algorithm);
+            config.filter.particles = 1;
+            config.filter.resampling.threshold = 1.0;
+            let mut filter = FastSlam::new(config, identities).unwrap();
+            for step in 0..10 {
+                filter.predict([1.0, 0.3, 0.0], 0.1).unwrap();
+                let info = filter.update(f64::from(step), &[labelled(4.0, 0.3, 1), labelled(6.0, -1.0, 2)]).unwrap();
+                assert_eq!(info.effective_sample_size, 1.0);
+                check_finite(&mut filter).unwrap();
+            }
+            assert_eq!(filter.weights(), [1.0]);
+            assert!(!filter.map().landmarks.is_empty());
+        }
+    }
+}
+
+#[test]
+fn when_no_particle_can_explain_a_sighting_the_step_is_named() {
+    for algorithm in ALGORITHMS {
+        let mut config = config(algorithm);
+        config.sensor.max_range_m = f64::MAX;
+        let mut filter = FastSlam::new(config, Identities::All).unwrap();
+        filter.update(0.0, &[labelled(5.0, 0.3, 1)]).unwrap();
+        filter.update(1.0, &[labelled(5.0, 0.3, 1)]).unwrap();
+        // So far off that the square of the innovation is no longer a number: density zero.
+        assert_eq!(filter.update(2.0, &[labelled(1e200, 0.3, 1)]), Err(Error::AllWeightsZero { step: 2 }));
+    }
+}
+
+#[test]
+fn an_identity_seen_twice_in_a_scan_counts_as_two_sightings_in_turn() {
+    let twice = [labelled(5.0, 0.30, 1), labelled(4.0, -0.5, 2), labelled(5.3, 0.32, 1)];
+    for algorithm in ALGORITHMS {
+        let run = |scans: &[&[Sighting]]| {
+            let mut config = config(algorithm);
+            config.filter.resampling.threshold = 0.0;
+            let mut filter = FastSlam::new(config, Identities::All).unwrap();
+            filter.update(0.0, &twice[..2]).unwrap();
+            filter.predict([1.0, 0.1, 0.0], 0.3).unwrap();
+            let mut used = 0;
+            let mut log_likelihood = 0.0;
+            for (at, scan) in scans.iter().enumerate() {
+                let info = filter.update(1.0 + at as f64, scan).unwrap();
+                used += info.sightings;
+                log_likelihood += info.log_likelihood;
+            }
+            assert_eq!(used, 3);
+            let map = filter.map().landmarks;
+            assert_eq!(map.iter().map(|l| l.sightings).collect::<Vec<_>>(), [3, 2], "{algorithm:?}");
+            (map, log_likelihood, filter.weights().to_vec())
+        };
+        if algorithm == Algorithm::Fastslam1 {
+            // Poses stay, so one scan with both is the same as two scans without motion between them.
+            let (one, two) = (run(&[&twice]), run(&[&twice[..2], &twice[2..]]));
+            assert_eq!((&one.0, &one.2), (&two.0, &two.2));
+            assert!((one.1 - two.1).abs() < 1e-12);
+        } else {
+            // The second is judged at the sampled pose: the same in distribution; here only that it counted.
+            run(&[&twice]);
+        }
+    }
+}
+
+#[test]
+fn sightings_without_any_control_make_a_map_at_rest() {
+    for algorithm in ALGORITHMS {
+        for identities in IDENTITIES {
+            let mut filter = FastSlam::new(config(algorithm), identities).unwrap();
+            for step in 0..5 {
+                filter.update(f64::from(step), &[labelled(4.0, 0.3, 1), labelled(6.0, -1.0, 2)]).unwrap();
+            }
+            check_finite(&mut filter).unwrap();
+            let pose = filter.pose();
+            assert_eq!((pose.mean.x, pose.mean.y, pose.mean.heading), (0.0, 0.0, 0.0));
+            assert!(pose.covariance.as_flattened().iter().all(|v| *v == 0.0));
+            assert_eq!(filter.map().landmarks.len(), 2);
+            assert_eq!(filter.best_path().len(), 5);
+        }
+    }
+}
+
+#[test]
+fn steps_without_sightings_and_controls_without_steps_are_fine() {
+    for algorithm in ALGORITHMS {
+        for identities in IDENTITIES {
+            let mut config = config(algorithm);
+            // 49 times 1/49 is below 1 in doubles; that is no reason to resample.
+            config.filter.particles = 49;
+            config.filter.resampling.threshold = 1.0;
+            let mut filter = FastSlam::new(config, identities).unwrap();
+            for step in 0..200 {
+                filter.predict([1.0, 0.5, 0.0], 0.1).unwrap();
+                if step % 3 == 0 {
+                    let info = filter.update(f64::from(step), &[]).unwrap();
+                    assert_eq!((info.sightings, info.log_likelihood, info.resampled), (0, 0.0, false));
+                }
+            }
+            check_finite(&mut filter).unwrap();
+        }
+    }
+}
+
+/// Numbers of the usual size, and those that hurt.
+fn number(usual: std::ops::Range<f64>) -> impl Strategy<Value = f64> {
+    prop_oneof![
+        8 => usual,
+        1 => prop::sample::select(vec![0.0, -0.0, 1e-300, 1e-8, 3.2, -1e3, 1e6]),
+        1 => prop::sample::select(vec![f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e15, -1e15, 1e300]),
+    ]
+}
+
+/// As [`number`], but nothing that a robot's log would be rejected for.
+fn control(usual: std::ops::Range<f64>) -> impl Strategy<Value = f64> {
+    prop_oneof![9 => usual, 1 => prop::sample::select(vec![0.0, -0.0, 1e-300, 1e-8, 31.4, -1e3])]
+}
+
+/// Noise of its own from 0.1 mm to 10 m and from 0.1 mrad to 1 rad, some of it not positive definite. At 30 m that makes
+/// ellipses 300,000 times longer than wide; ten million times would exceed what three doubles can hold.
+fn any_sighting() -> impl Strategy<Value = Sighting> {
+    let noise = prop_oneof![
+        4 => Just(None),
+        1 => (-4.0..1.0, -4.0..0.0, -1.5..1.5).prop_map(|(a, b, r): (f64, f64, f64)| {
+            let (a, b) = (10.0_f64.powf(a), 10.0_f64.powf(b));
+            Some(Symmetric2::new(a * a, r * a * b, b * b))
+        }),
+    ];
+    (number(0.0..30.0), number(-4.0..4.0), prop::option::weighted(0.6, 0_u32..6), noise)
+        .prop_map(|(range_m, bearing_rad, identity, noise)| Sighting { value: [range_m, bearing_rad], identity, noise })
+}
+
+fn any_log() -> impl Strategy<Value = Vec<(f64, f64, Vec<Sighting>)>> {
+    let step = (control(-3.0..3.0), control(-2.0..2.0), prop::collection::vec(any_sighting(), 0..6));
+    prop::collection::vec(step, 1..12)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 2000, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_log_makes_the_filter_panic_or_say_nonsense(
+        log in any_log(),
+        algorithm in prop::sample::select(ALGORITHMS.to_vec()),
+        identities in prop::sample::select(IDENTITIES.to_vec()),
+        tail in prop::option::of(1.0..10.0),
+        particles in 1_u32..8,
+    ) {
+        let mut config = config(algorithm);
+        config.filter.particles = particles;
+        config.sensor.tail_degrees_of_freedom = tail;
+        config.motion = Motion::Velocity(Velocity { lateral_std_m_per_s: 0.1, ..Velocity::default() });
+        let mut filter = FastSlam::new(config, identities).unwrap();
+        for (step, (speed, yaw_rate, scan)) in log.iter().enumerate() {
+            filter.predict([*speed, *yaw_rate, 0.0], 0.2).unwrap();
+            match filter.update(step as f64, scan) {
+                Ok(info) => {
+                    let s = info.skipped;
+                    let counted = info.sightings + s.not_finite + s.too_near + s.too_far + s.without_identity;
+                    prop_assert_eq!(counted as usize, scan.len());
+                    prop_assert!(info.log_likelihood.is_finite());
+                    prop_assert!(info.effective_sample_size >= 1.0 - 1e-9);
+                    prop_assert!(info.effective_sample_size <= f64::from(particles) + 1e-9);
+                }
+                Err(error) => {
+                    prop_assert_eq!(error, Error::AllWeightsZero { step: step as u64 });
+                    break;
+                }
+            }
+            prop_assert_eq!(check_finite(&mut filter), Ok(()));
+        }
+    }
+}
