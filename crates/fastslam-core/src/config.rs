@@ -38,6 +38,9 @@ pub enum Algorithm {
     /// Poses are drawn from the motion model conditioned on the sightings.
     #[default]
     Fastslam2,
+    /// The extended Kalman filter over the pose and all landmarks together, with their full covariance: O(K²) per
+    /// sighting. Particles, resampling and stores mean nothing to it.
+    Ekf,
 }
 
 /// Particles, resampling and storage.
