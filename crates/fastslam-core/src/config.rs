@@ -152,17 +152,18 @@ pub struct ExistenceConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Removal {
-    /// When they are missed more often than they are seen.
-    #[default]
-    WhenMissed,
     /// Never, as in the original paper.
+    #[default]
     Never,
+    /// When they are in view and missed much more often than they are seen. For sensors whose range and field of view
+    /// are set as they are, and that see most of what is in view.
+    WhenMissed,
 }
 
 impl Default for ExistenceConfig {
     fn default() -> Self {
         Self {
-            removal: Removal::WhenMissed,
+            removal: Removal::default(),
             initial_log_odds: 1.0,
             sighted_log_odds: 1.0,
             missed_log_odds: 0.3,
