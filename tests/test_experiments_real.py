@@ -2,36 +2,35 @@
 
 from __future__ import annotations
 
-import runpy
+import os
+import subprocess
+import sys
 from pathlib import Path
 
-import pytest
 from doc_pages import ROOT
 
-SCRIPT = ROOT / "experiments" / "real_logs" / "run.py"
+SCRIPT = ROOT / "experiments" / "accuracy" / "run.py"
 
 
-def table(output: str) -> list[list[str]]:
-    return [[cell.strip() for cell in line.strip("| ").split("|")] for line in output.splitlines()]
+def run_script(*arguments: str, data: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(SCRIPT), *arguments]
+    environment = {**os.environ, "FASTSLAM_DATA": str(data)}
+    return subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
 
 
-def test_table_of_the_real_logs(
-    data_dir: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("FASTSLAM_DATA", str(data_dir))
-    runpy.run_path(str(SCRIPT))["main"](["--seeds", "1", "--only", "UTIAS 2, robot 1"])
-    header, _, *rows = table(capsys.readouterr().out)
+def test_accuracy_table(data_dir: Path) -> None:
+    done = run_script("--seeds", "1", "--only", "UTIAS 2 robot 1", data=data_dir)
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stdout.splitlines() if line.startswith("|")]
+    header, _, *rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
     assert [row[1] for row in rows] == ["known", "unknown"]
     known = dict(zip(header, rows[0], strict=True))
-    # Every landmark found, within the error that a plain EKF makes on the worst of these logs.
-    assert known["matched"] == known["in map"] == "15"
-    assert 0.0 < float(known["map [m]"]) < 0.16
+    # Every landmark found, within the error that is asked of this log.
+    assert known["found"] == "15 (15) of 15"
+    assert 0.0 < float(known["map [m]"].split()[0]) < 0.16
 
 
-def test_an_absent_log_is_listed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("FASTSLAM_DATA", str(tmp_path))
-    runpy.run_path(str(SCRIPT))["main"]([])
-    _, _, *rows = table(capsys.readouterr().out)
-    assert len(rows) == 18 and all(row[1].startswith("absent") for row in rows)
+def test_accuracy_without_the_logs_says_so(tmp_path: Path) -> None:
+    done = run_script(data=tmp_path / "nowhere")
+    assert done.returncode == 2
+    assert "nowhere is no folder" in done.stderr and "Traceback" not in done.stderr

@@ -2,8 +2,8 @@
 
     python experiments/accuracy/run.py [--seeds 5] [--particles 100] [--only NAME] [--out docs/accuracy.md]
 
-The logs are read from the folder that the environment variable FASTSLAM_DATA names (default: `../shared/data`).
-Every row is a log; the figures are the median over the seeds and, in brackets, the worst.
+The logs are read from the folder that the environment variable FASTSLAM_DATA names (default:
+`../shared/data`). Every row is a log; the figures are the median over the seeds and, in brackets, the worst.
 """
 
 from __future__ import annotations
@@ -17,9 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import fastslam
+import numpy as np
 from fastslam.config import merge
 from fastslam.datasets import load
 from fastslam.evaluation.metrics import evaluate
@@ -147,10 +146,10 @@ def main() -> None:
 
 HEAD = """# Accuracy on real logs
 
-Made by `python experiments/accuracy/run.py --out docs/accuracy.md`: {algorithm}, {particles} particles, seeds {seeds},
-fastslam {version}, {machine}. Each log's own settings, the same for known and unknown identities. Medians over the seeds,
-worst in brackets; the map and the paths after rigid alignment ([definitions](metrics.md)). Without identities a landmark
-counts when it was seen five times.
+Made by `python experiments/accuracy/run.py --out docs/accuracy.md`: {algorithm}, {particles} particles,
+seeds {seeds}, fastslam {version}, {machine}. Each log's own settings, the same for known and unknown
+identities. Medians over the seeds, worst in brackets; the map and the paths after rigid alignment
+([definitions](metrics.md)). Without identities a landmark counts when it was seen five times.
 
 """
 

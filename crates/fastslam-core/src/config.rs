@@ -51,7 +51,7 @@ pub struct FilterConfig {
     pub particles: u32,
     /// How the maps are stored; changes speed and memory, never a result.
     pub store: StoreKind,
-    /// Worker threads for large numbers of particles; changes speed, never a result.
+    /// Worker threads, which share the particles' decisions about associations; they change speed, never a result.
     pub threads: u32,
     /// When and how to resample.
     pub resampling: ResamplingConfig,
@@ -122,6 +122,56 @@ pub struct AssociationConfig {
     pub exclusion: Exclusion,
     /// In which order the sightings of a scan are decided.
     pub order: AssociationOrder,
+    /// How landmarks that should be seen and are not disappear; only where identities are not all known.
+    pub existence: ExistenceConfig,
+}
+
+/// How landmarks that should be seen and are not disappear: log-odds of existence, counted per particle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExistenceConfig {
+    /// Whether landmarks are ever removed.
+    pub removal: Removal,
+    /// Log-odds of a landmark at its first sighting.
+    pub initial_log_odds: f64,
+    /// Added by every sighting.
+    pub sighted_log_odds: f64,
+    /// Taken away by every scan in which the landmark is in view and not sighted.
+    pub missed_log_odds: f64,
+    /// Below this a landmark is removed.
+    pub lowest_log_odds: f64,
+    /// More than this is not counted, so that a landmark that was taken away can still disappear.
+    pub highest_log_odds: f64,
+    /// In view is only what is nearer than this fraction of the sensor's range.
+    pub range_fraction: f64,
+    /// In view is only what lies in this fraction of the field of view.
+    pub view_fraction: f64,
+}
+
+/// Whether landmarks are ever removed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Removal {
+    /// When they are missed more often than they are seen.
+    #[default]
+    WhenMissed,
+    /// Never, as in the original paper.
+    Never,
+}
+
+impl Default for ExistenceConfig {
+    fn default() -> Self {
+        Self {
+            removal: Removal::WhenMissed,
+            initial_log_odds: 1.0,
+            sighted_log_odds: 1.0,
+            missed_log_odds: 0.3,
+            lowest_log_odds: -0.5,
+            highest_log_odds: 20.0,
+            range_fraction: 0.8,
+            view_fraction: 0.9,
+        }
+    }
 }
 
 /// What one landmark may explain in one scan.
@@ -155,6 +205,7 @@ impl Default for AssociationConfig {
             new_landmark_density: None,
             exclusion: Exclusion::default(),
             order: AssociationOrder::default(),
+            existence: ExistenceConfig::default(),
         }
     }
 }
@@ -222,6 +273,24 @@ impl AssociationConfig {
         }
         if let Some(density) = self.new_landmark_density {
             positive("new_landmark_density", density)?;
+        }
+        self.existence.validate().map_err(|e| e.within("existence"))
+    }
+}
+
+impl ExistenceConfig {
+    fn validate(&self) -> Result<()> {
+        finite("initial_log_odds", self.initial_log_odds)?;
+        positive("sighted_log_odds", self.sighted_log_odds)?;
+        positive("missed_log_odds", self.missed_log_odds)?;
+        fraction("range_fraction", self.range_fraction)?;
+        fraction("view_fraction", self.view_fraction)?;
+        finite("lowest_log_odds", self.lowest_log_odds)?;
+        if self.lowest_log_odds >= self.initial_log_odds {
+            return Err(Error::parameter("lowest_log_odds", self.lowest_log_odds, "less than initial_log_odds"));
+        }
+        if !(self.highest_log_odds >= self.initial_log_odds && self.highest_log_odds.is_finite()) {
+            return Err(Error::parameter("highest_log_odds", self.highest_log_odds, "at least initial_log_odds"));
         }
         Ok(())
     }

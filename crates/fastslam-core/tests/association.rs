@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
 
 use fastslam_core::association::Belief;
-use fastslam_core::config::{Algorithm, AssociationOrder, Config, Exclusion};
+use fastslam_core::config::{Algorithm, AssociationOrder, Config, Exclusion, Removal};
 use fastslam_core::filter::{FastSlam, Identities, MapLandmark, Sighting};
 use fastslam_core::geometry::Symmetric2;
 use fastslam_core::landmark::{Fit, Gaussian, Measured, Tail};
@@ -290,6 +290,7 @@ fn decided(before: &[(u64, [f64; 2], Symmetric2)], after: &[(u64, [f64; 2], Symm
 fn compare_with_brute_force(mut config: Config, own_noise: bool) -> [u32; 3] {
     let density = 1e-4;
     config.association.new_landmark_density = Some(density);
+    config.association.existence.removal = Removal::Never;
     config.motion = Motion::Increments(Increments { x_std_m: 0.1, y_std_m: 0.05, heading_std_rad: 0.02 });
     config.sensor.mounting.x_m = 0.6;
     let mut filter = FastSlam::new(config, Identities::None).unwrap();

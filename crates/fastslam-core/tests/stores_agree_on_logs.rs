@@ -145,3 +145,15 @@ fn a_run_repeats_bit_by_bit_and_another_seed_changes_it() {
     config.seed += 1;
     assert_ne!(first, bits(&output(&config, store, &log)));
 }
+
+#[test]
+fn the_number_of_threads_changes_no_bit() {
+    let (log, mut config) = world(5, Identities::None);
+    let mut runs = Vec::new();
+    for threads in [1, 2, 8] {
+        config.filter.threads = threads;
+        runs.push(bits(&output(&config, StoreKind::default(), &log)));
+    }
+    assert!(runs[0].len() > 1000, "{} numbers", runs[0].len());
+    assert!(runs.iter().all(|run| *run == runs[0]));
+}

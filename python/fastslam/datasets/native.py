@@ -30,7 +30,7 @@ from .text import line_of_row, read_table, read_text
 
 FILES = ("log.yaml", "odometry.csv", "sightings.csv")
 FORMAT_VERSION = 1
-CONFIG_KEYS = ("motion", "sensor", "association", "initial_pose")
+CONFIG_KEYS = ("motion", "sensor", "association", "filter", "initial_pose")
 KEYS = ("format_version", "name", *CONFIG_KEYS, "truth_landmarks_complete")
 POSE_COLUMNS = ("stamp_s", "x_m", "y_m", "heading_rad")
 INCREMENT_COLUMNS = ("stamp_s", "dx_m", "dy_m", "dheading_rad")

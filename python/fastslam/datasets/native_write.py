@@ -13,6 +13,7 @@ import numpy as np
 from .._yaml import write_yaml
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
+from .native import CONFIG_KEYS
 from .scans_file import NAME as SCANS
 from .scans_file import write_scans
 
@@ -67,7 +68,7 @@ def _check(log: Log, folder: Path) -> None:
 
 def _settings(log: Log) -> dict[str, Any]:
     settings: dict[str, Any] = {"format_version": 1, "name": log.name}
-    for key in ("motion", "sensor", "association", "initial_pose"):
+    for key in CONFIG_KEYS:
         if key in log.config:
             settings[key] = _plain(log.config[key])
     if log.truth_landmarks is not None and not log.truth_landmarks.complete:

@@ -87,7 +87,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn insert_for_all(&mut self, sighting: &ScanSighting, info: &mut StepInfo) {
         let columns = self.landmarks.columns();
         first_rows(&self.model, &self.sensor_poses, sighting.measured, None, columns, &mut self.scratch);
-        self.landmarks.insert(sighting.identity, &self.scratch);
+        self.landmarks.insert(sighting.identity, &self.scratch, 0.0);
         self.particles.landmarks.iter_mut().for_each(|count| *count += 1);
         info.new_landmarks += 1;
     }

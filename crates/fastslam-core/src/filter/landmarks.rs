@@ -1,5 +1,6 @@
 //! The landmarks of all maps: the store with names, births and places.
 
+use super::existence;
 use crate::association::{Box2, Grid};
 use crate::config::AssociationMode;
 use crate::landmark::column;
@@ -19,6 +20,8 @@ pub struct Slot {
 pub struct Landmarks {
     store: Box<dyn LandmarkStore>,
     columns: usize,
+    /// Log-odds of existence by slot; only kept when landmarks may be removed.
+    pub(super) existence: Option<Box<dyn LandmarkStore>>,
     slots: Vec<Option<Slot>>,
     free: Vec<u32>,
     births: u64,
@@ -58,6 +61,7 @@ impl Landmarks {
         Self {
             store: kind.create(particles, columns),
             columns,
+            existence: (identities != Identities::All).then(|| kind.create(particles, existence::COLUMNS)),
             slots: Vec::new(),
             free: Vec::new(),
             births: 0,
@@ -89,6 +93,11 @@ impl Landmarks {
         self.slot(slot).map_or(u64::MAX, |s| s.birth)
     }
 
+    /// Number of landmarks ever created: the birth of the next one.
+    pub fn births(&self) -> u64 {
+        self.births
+    }
+
     /// The slots seen with an identity, oldest first.
     pub fn of_identity(&self, identity: u32) -> &[u32] {
         self.of_identity.get(&identity).map_or(&[], Vec::as_slice)
@@ -102,8 +111,8 @@ impl Landmarks {
         }
     }
 
-    /// Adds a landmark with the rows of all particles.
-    pub fn insert(&mut self, identity: Option<u32>, values: &[f64]) -> u32 {
+    /// Adds a landmark with the rows of all particles and the log-odds that it exists.
+    pub fn insert(&mut self, identity: Option<u32>, values: &[f64], log_odds: f64) -> u32 {
         let slot = self.free.pop().unwrap_or(self.slots.len() as u32);
         if slot as usize == self.slots.len() {
             self.slots.push(None);
@@ -111,6 +120,13 @@ impl Landmarks {
         self.slots[slot as usize] = Some(Slot { birth: self.births, identity });
         self.births += 1;
         self.store.insert(slot, values);
+        if let Some(existence) = &mut self.existence {
+            let present = values[..self.store.particle_count()].iter().map(|count| f64::from(*count != 0.0));
+            let mut rows: Vec<f64> = present.collect();
+            rows.extend_from_within(..);
+            rows[self.store.particle_count()..].iter_mut().for_each(|value| *value *= log_odds);
+            existence.insert(slot, &rows);
+        }
         if let Some(identity) = identity {
             self.mark_identity(slot, identity);
         }
@@ -122,6 +138,9 @@ impl Landmarks {
     /// Removes a landmark from all maps.
     pub fn remove(&mut self, slot: u32) {
         self.store.remove(slot);
+        if let Some(existence) = &mut self.existence {
+            existence.remove(slot);
+        }
         if let Some(grid) = &mut self.grid {
             grid.remove(slot);
         }
@@ -168,11 +187,16 @@ impl Landmarks {
     /// Map i becomes a copy of the former map `ancestor_indices[i]`.
     pub fn resample(&mut self, ancestor_indices: &[u32]) {
         self.store.resample(ancestor_indices);
+        if let Some(existence) = &mut self.existence {
+            existence.resample(ancestor_indices);
+        }
     }
 
     /// What the maps occupy.
     pub fn usage(&self) -> StoreUsage {
-        self.store.usage()
+        let gaussians = self.store.usage();
+        let existence = self.existence.as_ref().map(|store| store.usage()).unwrap_or_default();
+        StoreUsage { rows: gaussians.rows, bytes: gaussians.bytes + existence.bytes }
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod beliefs;
 mod estimate;
+mod existence;
 mod identified;
 mod landmarks;
 mod particles;
@@ -55,6 +56,8 @@ pub struct StepInfo {
     pub sightings: u32,
     /// Landmarks that were created (by at least one particle).
     pub new_landmarks: u32,
+    /// Landmarks that the best particle removed from its map.
+    pub removed: u32,
     /// Sightings that the best particle took for neither a known nor a new landmark.
     pub ignored: u32,
     /// Sightings skipped: not finite, or outside the sensor's limits.
@@ -115,6 +118,8 @@ pub struct FastSlam<M = RangeBearing> {
     samplings: u64,
     steps: u64,
     landmarks: Landmarks,
+    /// Threads that decide about associations; none when one is enough.
+    workers: Option<rayon::ThreadPool>,
     path: PathForest,
     weights: Weights,
     ancestor_indices: Vec<u32>,
@@ -157,6 +162,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
             gate_radius,
             random: RandomSource::new(config.seed),
+            workers: workers(config.filter.threads)?,
             particles: Particles::at(start, particles),
             pending: MotionGaussian::default(),
             controls: 0,
@@ -307,4 +313,12 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub fn store_usage(&self) -> StoreUsage {
         self.landmarks.usage()
     }
+}
+
+fn workers(threads: u32) -> Result<Option<rayon::ThreadPool>> {
+    if threads < 2 {
+        return Ok(None);
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build();
+    pool.map(Some).map_err(|error| Error::parameter("filter.threads", threads, format!("fewer: {error}")))
 }

@@ -1,13 +1,14 @@
 //! Steps in which particles decide which landmark a sighting shows.
 
 use super::{FastSlam, Particles, StepInfo};
-use crate::association::{associate, Box2, CandidateTable, Decision};
+use crate::association::{associate, Belief, Box2, CandidateTable, Decision};
 use crate::config::Algorithm;
 use crate::error::Result;
 use crate::landmark::{column, correct_rows, first_rows};
 use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
 use crate::random::Purpose;
+use rayon::prelude::*;
 
 pub(super) use crate::association::ScanSighting;
 
@@ -19,22 +20,39 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub(super) fn step_associating(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> Result<()> {
         self.believe();
         let table = self.candidates(scan);
-        let mut decisions = vec![Decision::Ignored; self.particles.len() * scan.len()];
-        for i in 0..self.particles.len() {
-            let mut belief = self.beliefs.get(i);
-            let mine = &mut decisions[i * scan.len()..(i + 1) * scan.len()];
-            let increment =
-                associate(&self.model, self.T_robot_sensor, &self.rules, scan, &table, i, &mut belief, mine);
-            self.beliefs.set(i, &belief);
-            self.particles.log_weight[i] += increment;
-            self.particles.score[i] += increment;
-        }
+        let mut decisions = self.decide(scan, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
+        let first_birth = self.landmarks.births();
         for (j, sighting) in scan.iter().enumerate() {
             let decided: Vec<Decision> = decisions.iter().skip(j).step_by(scan.len()).copied().collect();
             self.correct_decided(sighting, &decided, &table, info);
         }
+        if self.removes_landmarks() && !scan.is_empty() {
+            self.judge_existence(&decisions, &table, first_birth, info);
+        }
         Ok(())
+    }
+
+    /// Every particle's decisions (an equal share each), with its belief refined and its weight changed by them.
+    fn decide(&mut self, scan: &[ScanSighting], table: &CandidateTable) -> Vec<Decision> {
+        let mut decisions = vec![Decision::Ignored; self.particles.len() * scan.len()];
+        let (model, beliefs, rules, mounting) = (&self.model, &self.beliefs, &self.rules, self.T_robot_sensor);
+        let one = |(i, mine): (usize, &mut [Decision])| {
+            let mut belief = beliefs.get(i);
+            let increment = associate(model, mounting, rules, scan, table, i, &mut belief, mine);
+            (belief, increment)
+        };
+        let share = scan.len().max(1);
+        let outcomes: Vec<(Belief, f64)> = match &self.workers {
+            Some(workers) => workers.install(|| decisions.par_chunks_mut(share).enumerate().map(one).collect()),
+            None => decisions.chunks_mut(share).enumerate().map(one).collect(),
+        };
+        for (i, (belief, increment)) in outcomes.into_iter().enumerate() {
+            self.beliefs.set(i, &belief);
+            self.particles.log_weight[i] += increment;
+            self.particles.score[i] += increment;
+        }
+        decisions
     }
 
     /// What each particle believes about the robot's pose before the scan.
@@ -182,7 +200,8 @@ impl<M: MeasurementModel> FastSlam<M> {
                 let n = new.len();
                 (0..n).filter(|i| new[*i]).for_each(|i| self.scratch[column::IDENTITY * n + i] = mark);
             }
-            self.landmarks.insert(sighting.identity, &self.scratch);
+            let log_odds = self.config.association.existence.initial_log_odds;
+            self.landmarks.insert(sighting.identity, &self.scratch, log_odds);
             new.iter().zip(&mut self.particles.landmarks).for_each(|(new, count)| *count += u32::from(*new));
             info.new_landmarks += 1;
         }

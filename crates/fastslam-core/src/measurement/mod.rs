@@ -28,7 +28,7 @@ pub struct Linearization<R = f64> {
 }
 
 /// How a sensor sees a point landmark in the plane: two numbers per sighting.
-pub trait MeasurementModel {
+pub trait MeasurementModel: Sync {
     /// g: the measurement that the sensor at `T_world_sensor` should make of a landmark.
     fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2];
 

@@ -1,0 +1,136 @@
+//! The life of landmarks: sightings speak for them, scans that should have shown them and did not speak against them.
+//!
+//! **Source:** `montemerlo2003fastslam`, eq. 22: log-odds per particle and landmark, counted up when it is sighted and
+//! down when it lies in view and is not. They are kept apart from the Gaussians, which a missed landmark leaves alone.
+
+use super::{FastSlam, Particles, StepInfo};
+use crate::association::{Box2, CandidateTable, Decision};
+use crate::config::Removal;
+use crate::landmark::column;
+use crate::math;
+use crate::measurement::MeasurementModel;
+
+/// Columns of the existence store: whether the row counts, and the log-odds.
+pub(super) const COLUMNS: usize = 2;
+
+impl<M: MeasurementModel> FastSlam<M> {
+    /// Whether log-odds of existence are kept.
+    pub(super) fn removes_landmarks(&self) -> bool {
+        self.landmarks.existence.is_some() && self.config.association.existence.removal == Removal::WhenMissed
+    }
+
+    /// Counts a scan for and against every landmark in view, and removes what no longer exists in a particle's map.
+    ///
+    /// `decisions` are those of the particles as they stand now, an equal share each. Landmarks born after
+    /// `first_birth` came with this scan and are not judged by it.
+    pub(super) fn judge_existence(
+        &mut self,
+        decisions: &[Decision],
+        table: &CandidateTable,
+        first_birth: u64,
+        info: &mut StepInfo,
+    ) {
+        let mut in_reach = Vec::new();
+        self.landmarks.find(&self.view_region(), &mut in_reach);
+        in_reach.extend_from_slice(&table.slots);
+        in_reach.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
+        in_reach.dedup();
+        let share = decisions.len() / self.particles.len();
+        let mut verdicts = vec![Verdict::Unseen; self.particles.len()];
+        for slot in in_reach {
+            // Candidates that nobody holds any more are gone; they have no birth.
+            if self.landmarks.birth(slot) >= first_birth {
+                continue;
+            }
+            self.find_in_view(slot, &mut verdicts);
+            if let Some(candidate) = table.slots.iter().position(|s| *s == slot) {
+                let sighted = Decision::Landmark(candidate as u32);
+                for (verdict, mine) in verdicts.iter_mut().zip(decisions.chunks_exact(share)) {
+                    if mine.contains(&sighted) {
+                        *verdict = Verdict::Sighted;
+                    }
+                }
+            }
+            if verdicts.iter().any(|v| *v != Verdict::Unseen) {
+                info.removed += self.count(slot, &verdicts);
+            }
+        }
+    }
+
+    /// A box around everything that any particle's sensor can see for sure.
+    fn view_region(&self) -> Box2 {
+        let reach = self.config.association.existence.range_fraction * self.config.sensor.max_range_m;
+        let mut region = Box2::EMPTY;
+        for i in 0..self.particles.len() {
+            region.include([self.sensor_poses.x[i], self.sensor_poses.y[i]], reach);
+        }
+        region
+    }
+
+    /// Where a landmark is surely in view and would have been sighted.
+    fn find_in_view(&mut self, slot: u32, verdicts: &mut [Verdict]) {
+        let settings = &self.config.association.existence;
+        let reach = settings.range_fraction * self.config.sensor.max_range_m;
+        let near = self.config.sensor.min_range_m;
+        let half_view = 0.5 * settings.view_fraction * self.config.sensor.field_of_view_rad;
+        let rows = self.landmarks.read(slot);
+        let (count, x, y) = (rows.column(column::SIGHTINGS), rows.column(column::MEAN_X), rows.column(column::MEAN_Y));
+        for (i, verdict) in verdicts.iter_mut().enumerate() {
+            let sensor = self.sensor_poses.get(i);
+            let (dx, dy) = (x[i] - sensor.x, y[i] - sensor.y);
+            let range_squared = dx * dx + dy * dy;
+            let reachable = count[i] != 0.0 && range_squared < reach * reach && range_squared > near * near;
+            let seen = reachable && math::wrap_angle(math::atan2(dy, dx) - sensor.heading).abs() < half_view;
+            *verdict = if seen { Verdict::Missed } else { Verdict::Unseen };
+        }
+    }
+
+    /// Counts one scan for a landmark in every map and removes it from those in which it no longer exists. Returns
+    /// whether the best particle lost it.
+    fn count(&mut self, slot: u32, verdicts: &[Verdict]) -> u32 {
+        let settings = &self.config.association.existence;
+        let mask: Vec<bool> = verdicts.iter().map(|v| *v != Verdict::Unseen).collect();
+        let mut dead = vec![false; verdicts.len()];
+        let Some(existence) = &mut self.landmarks.existence else { return 0 };
+        existence.update(slot, Some(&mask), &mut |rows| {
+            let [present, log_odds] = rows.columns::<COLUMNS>();
+            for (i, verdict) in verdicts.iter().enumerate().filter(|(_, v)| **v != Verdict::Unseen) {
+                if present[i] == 0.0 {
+                    continue;
+                }
+                log_odds[i] = match verdict {
+                    Verdict::Sighted => (log_odds[i] + settings.sighted_log_odds).min(settings.highest_log_odds),
+                    _ => log_odds[i] - settings.missed_log_odds,
+                };
+                if log_odds[i] < settings.lowest_log_odds {
+                    dead[i] = true;
+                    (present[i], log_odds[i]) = (0.0, 0.0);
+                }
+            }
+        });
+        if !dead.contains(&true) {
+            return 0;
+        }
+        self.landmarks.update(slot, Some(&dead), |mut rows| {
+            let count = rows.column(column::SIGHTINGS);
+            (0..dead.len()).filter(|i| dead[*i]).for_each(|i| count[i] = 0.0);
+        });
+        let Particles { landmarks, .. } = &mut self.particles;
+        landmarks.iter_mut().zip(&dead).for_each(|(count, dead)| *count -= u32::from(*dead));
+        if self.landmarks.holders(slot) == 0 {
+            self.landmarks.remove(slot);
+        }
+        u32::from(dead[self.particles.best()])
+    }
+}
+
+/// What a scan says about a landmark in one map.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Verdict {
+    /// It could not be seen.
+    Unseen,
+    /// It was in view and was not sighted.
+    Missed,
+    /// It was sighted.
+    Sighted,
+}
