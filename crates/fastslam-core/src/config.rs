@@ -39,7 +39,7 @@ pub enum Algorithm {
     #[default]
     Fastslam2,
     /// The extended Kalman filter over the pose and all landmarks together, with their full covariance: O(K²) per
-    /// sighting. Particles, resampling and stores mean nothing to it.
+    /// sighting. Particles, resampling and stores mean nothing to it, and it never removes a landmark.
     Ekf,
 }
 
