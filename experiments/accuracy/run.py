@@ -36,8 +36,8 @@ METRICS = {
 
 
 RESOLVING = {"sensor": {"range_std_m": 0.2, "bearing_std_rad": 0.03}}
-"""For UTIAS without identities: noise small enough to tell neighbours apart, where the log's own settings are wide
-enough to bear its systematic errors."""
+"""For UTIAS without identities: noise small enough to tell neighbours apart, where the log's own settings are
+wide enough to bear its systematic errors."""
 
 
 @dataclass(frozen=True)
