@@ -71,5 +71,7 @@ class RunResult:
     peak_memory_bytes: int
     interrupted: bool = False
     """True when the run was stopped early; everything above is then valid up to the last stamp."""
+    map_bytes: int = 0
+    """What the maps of all particles (the joint covariance of EKF-SLAM) occupy at the end."""
     counts: dict[str, int] = field(default_factory=dict)
     """Skips and repairs that were counted: name to number."""

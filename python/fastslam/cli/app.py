@@ -15,8 +15,10 @@ from .detect import detect_landmarks
 from .errors import OneLineErrors
 from .evaluate import evaluate_results
 from .info import info
+from .reproduce import reproduce_figure
 from .run import run_log
 from .simulate import simulate_log
+from .sweep import sweep
 
 app = typer.Typer(
     name="fastslam",
@@ -34,6 +36,8 @@ app.command("eval")(evaluate_results)
 app.command("detect")(detect_landmarks)
 app.command("calibrate")(calibrate_sensor)
 app.command("info")(info)
+app.command("sweep")(sweep)
+app.command("reproduce")(reproduce_figure)
 app.add_typer(config_app, name="config")
 app.add_typer(datasets_app, name="datasets")
 

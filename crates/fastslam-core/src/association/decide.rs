@@ -1,8 +1,9 @@
 //! The decision of one particle about one scan.
 
-use crate::config::{AssociationOrder, Exclusion};
+use crate::config::{AssociationOrder, Config, Exclusion};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
-use crate::landmark::{column, fit_with_tail, innovation_covariance, Fit, Gaussian, Measured, Tail};
+use crate::landmark::{column, fit_with_tail, innovation_covariance, Fit, Gaussian, Measured, Tail, LN_TAU};
+use crate::math;
 use crate::measurement::MeasurementModel;
 
 /// What a particle decides about a sighting.
@@ -91,6 +92,37 @@ pub struct Rules {
     pub order: AssociationOrder,
     /// Power of the likelihood in the weight.
     pub likelihood_exponent: f64,
+}
+
+impl Rules {
+    /// The configured rules for a sensor.
+    pub fn new<M: MeasurementModel>(config: &Config, model: &M) -> Self {
+        let association = &config.association;
+        let gate = |probability: f64| -2.0 * math::ln(1.0 - probability);
+        let twice = model.noise_covariance().scaled(2.0);
+        let log_new_density = association.new_landmark_density.map_or_else(
+            || {
+                let outer = gate(association.new_landmark_gate_probability);
+                let excess = config.sensor.tail().log_excess(outer);
+                -0.5 * (outer + math::ln(twice.determinant())) - LN_TAU + excess
+            },
+            math::ln,
+        );
+        Self {
+            gate: gate(association.gate_probability),
+            log_new_density,
+            exclusion: association.exclusion,
+            order: association.order,
+            likelihood_exponent: config.filter.likelihood_exponent,
+        }
+    }
+
+    /// How many standard deviations a landmark can lie off and still be likelier than a new one: its likelihood is at
+    /// most that with the sensor's noise alone.
+    pub fn gate_radius<M: MeasurementModel>(&self, model: &M, tail: Tail) -> f64 {
+        let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
+        tail.reach(peak - self.log_new_density)
+    }
 }
 
 /// A landmark as a particle sees it: innovation, how it depends on the pose, and how uncertain it is.
@@ -212,12 +244,54 @@ struct Choice {
     certain: bool,
 }
 
+/// One map with a belief about the pose, as the rules of association see it.
+pub trait Hypothesis {
+    /// Whether the pose is known, so that no sighting can refine it.
+    fn pose_is_certain(&self) -> bool;
+    /// How well a sighting fits a candidate; `None` where the map lacks it.
+    fn fit(&self, candidate: u32, measured: &Measured) -> Option<Fit>;
+    /// Identity that a candidate was seen with, plus one; 0 for none.
+    fn identity_mark(&self, candidate: u32) -> f64;
+    /// Takes a sighting for one of a candidate: the belief is refined by it.
+    fn accept(&mut self, candidate: u32, sighting: &ScanSighting);
+}
+
+/// A particle and the candidates in its map.
+struct ParticleHypothesis<'a, M> {
+    model: &'a M,
+    T_robot_sensor: Pose,
+    T_world_sensor: Pose,
+    table: &'a CandidateTable,
+    particle: usize,
+    belief: &'a mut Belief,
+}
+
+impl<M: MeasurementModel> Hypothesis for ParticleHypothesis<'_, M> {
+    fn pose_is_certain(&self) -> bool {
+        self.belief.covariance == [[0.0; 3]; 3]
+    }
+
+    #[inline(always)]
+    fn fit(&self, candidate: u32, measured: &Measured) -> Option<Fit> {
+        let landmark = self.table.gaussian(candidate, self.particle)?;
+        Some(self.belief.judge(&self.belief.view(self.model, self.T_world_sensor, &landmark, measured)))
+    }
+
+    fn identity_mark(&self, candidate: u32) -> f64 {
+        self.table.identity_mark(candidate, self.particle)
+    }
+
+    fn accept(&mut self, candidate: u32, sighting: &ScanSighting) {
+        if let Some(landmark) = self.table.gaussian(candidate, self.particle) {
+            self.belief.refine(self.model, self.T_robot_sensor, &landmark, &sighting.measured);
+            self.T_world_sensor = self.belief.mean.compose(self.T_robot_sensor);
+        }
+    }
+}
+
 /// Decides about every sighting of a scan for one particle, refining its belief, and returns the increment of its
-/// log-weight.
-///
-/// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15: the likeliest landmark, or a new one when even that is less
-/// likely than the threshold. Densities include the pose's uncertainty (L in place of Q), which is zero in FastSLAM 1.0.
-#[allow(clippy::too_many_arguments)] // Called once, by the filter, with each of its parts.
+/// log-weight. Densities include the pose's uncertainty (L in place of Q), which is zero in FastSLAM 1.0.
+#[allow(clippy::too_many_arguments)] // One call site; a struct would only rename the arguments.
 pub fn associate<M: MeasurementModel>(
     model: &M,
     T_robot_sensor: Pose,
@@ -228,12 +302,26 @@ pub fn associate<M: MeasurementModel>(
     belief: &mut Belief,
     decisions: &mut [Decision],
 ) -> f64 {
+    let T_world_sensor = belief.mean.compose(T_robot_sensor);
+    let mut hypothesis = ParticleHypothesis { model, T_robot_sensor, T_world_sensor, table, particle, belief };
+    decide(rules, scan, &table.of_sighting, &mut hypothesis, decisions)
+}
+
+/// Decides about every sighting of a scan for one hypothesis and returns its log-likelihood, tempered.
+///
+/// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15: the likeliest landmark, or a new one when even that is less
+/// likely than the threshold.
+pub fn decide<H: Hypothesis>(
+    rules: &Rules,
+    scan: &[ScanSighting],
+    of_sighting: &[Vec<u32>],
+    hypothesis: &mut H,
+    decisions: &mut [Decision],
+) -> f64 {
     let mut used: Vec<u32> = Vec::with_capacity(scan.len());
     let mut log_weight = 0.0;
-    for index in order_of_decisions(model, T_robot_sensor, rules, scan, table, particle, belief) {
-        let sensor = belief.mean.compose(T_robot_sensor);
-        let choice = best_choice(model, sensor, rules, scan, table, particle, belief, index, &used);
-        let sighting = &scan[index];
+    for index in order_of_decisions(rules, scan, of_sighting, hypothesis) {
+        let choice = best_choice(rules, &scan[index], &of_sighting[index], hypothesis, &used);
         let (decision, log_density) = match choice.best {
             Some((candidate, fit)) if choice.certain => (Decision::Landmark(candidate), fit.log_likelihood),
             Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
@@ -246,9 +334,7 @@ pub fn associate<M: MeasurementModel>(
             _ => (Decision::New, rules.log_new_density),
         };
         if let Decision::Landmark(candidate) = decision {
-            if let Some(landmark) = table.gaussian(candidate, particle) {
-                belief.refine(model, T_robot_sensor, &landmark, &sighting.measured);
-            }
+            hypothesis.accept(candidate, &scan[index]);
             if rules.exclusion == Exclusion::OneSighting {
                 used.push(candidate);
             }
@@ -259,58 +345,45 @@ pub fn associate<M: MeasurementModel>(
     log_weight
 }
 
-/// The order in which one particle decides about the sightings: those with an identity first, then the rest as they come
-/// or the least ambiguous first.
+/// The order in which one hypothesis decides about the sightings: those with an identity first, then the rest as they
+/// come or the least ambiguous first.
 ///
 /// **Why:** a sure sighting refines the pose, and the smaller uncertainty then decides the doubtful ones. The order is
 /// that of the belief before the scan; judging it anew after every decision costs the square of the sightings and gains
 /// nothing that the logs show.
-fn order_of_decisions<M: MeasurementModel>(
-    model: &M,
-    T_robot_sensor: Pose,
+fn order_of_decisions<H: Hypothesis>(
     rules: &Rules,
     scan: &[ScanSighting],
-    table: &CandidateTable,
-    particle: usize,
-    belief: &Belief,
+    of_sighting: &[Vec<u32>],
+    hypothesis: &H,
 ) -> Vec<usize> {
     let mut order: Vec<usize> = (0..scan.len()).collect();
-    if rules.order == AssociationOrder::LeastAmbiguousFirst && belief.covariance != [[0.0; 3]; 3] {
-        let sensor = belief.mean.compose(T_robot_sensor);
-        let margins: Vec<f64> = order
-            .iter()
-            .map(|j| best_choice(model, sensor, rules, scan, table, particle, belief, *j, &[]).margin)
-            .collect();
+    if rules.order == AssociationOrder::LeastAmbiguousFirst && !hypothesis.pose_is_certain() {
+        let margin = |j: &usize| best_choice(rules, &scan[*j], &of_sighting[*j], hypothesis, &[]).margin;
+        let margins: Vec<f64> = order.iter().map(margin).collect();
         order.sort_by(|a, b| margins[*b].total_cmp(&margins[*a]));
     }
     order.sort_by_key(|j| scan[*j].identity.is_none());
     order
 }
 
-/// The likeliest landmark of a sighting for one particle. Ties go to the older landmark.
-#[allow(clippy::too_many_arguments)] // One call site, in the loop above; a struct would only rename the arguments.
-fn best_choice<M: MeasurementModel>(
-    model: &M,
-    sensor: Pose,
+/// The likeliest landmark of a sighting under one hypothesis. Ties go to the older landmark.
+fn best_choice<H: Hypothesis>(
     rules: &Rules,
-    scan: &[ScanSighting],
-    table: &CandidateTable,
-    particle: usize,
-    belief: &Belief,
-    sighting: usize,
+    sighting: &ScanSighting,
+    candidates: &[u32],
+    hypothesis: &H,
     used: &[u32],
 ) -> Choice {
-    let wanted = scan[sighting].identity.map(|identity| f64::from(identity) + 1.0);
+    let wanted = sighting.identity.map(|identity| f64::from(identity) + 1.0);
     let mut best: Option<(u32, Fit)> = None;
     let mut second = rules.log_new_density;
-    for &candidate in &table.of_sighting[sighting] {
+    for &candidate in candidates {
         if used.contains(&candidate) {
             continue;
         }
-        let Some(landmark) = table.gaussian(candidate, particle) else { continue };
-        let mark = table.identity_mark(candidate, particle);
-        let view = belief.view(model, sensor, &landmark, &scan[sighting].measured);
-        let fit = belief.judge(&view);
+        let Some(fit) = hypothesis.fit(candidate, &sighting.measured) else { continue };
+        let mark = hypothesis.identity_mark(candidate);
         if let Some(wanted) = wanted {
             if mark == wanted {
                 return Choice { best: Some((candidate, fit)), margin: f64::INFINITY, certain: true };

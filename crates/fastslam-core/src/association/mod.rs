@@ -3,5 +3,6 @@
 mod decide;
 mod grid;
 
-pub use decide::{associate, Belief, CandidateTable, Decision, Rules, ScanSighting};
+pub(crate) use decide::by_robot_pose;
+pub use decide::{associate, decide, Belief, CandidateTable, Decision, Hypothesis, Rules, ScanSighting};
 pub use grid::{Box2, Grid};

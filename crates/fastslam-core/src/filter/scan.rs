@@ -60,7 +60,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let Particles { x, y, heading, .. } = &self.particles;
         match self.config.algorithm {
             Algorithm::Fastslam1 => self.beliefs.certain(x, y, heading),
-            Algorithm::Fastslam2 => self.beliefs.predict(x, y, heading, &self.pending),
+            _ => self.beliefs.predict(x, y, heading, &self.pending),
         }
     }
 

@@ -11,6 +11,7 @@ pub use range_bearing::RangeBearing;
 
 use crate::error::{finite, positive, Result};
 use crate::geometry::{Pose, Symmetric2};
+use crate::landmark::Tail;
 use crate::real::{Dual, Real};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -39,6 +40,11 @@ pub trait MeasurementModel: Sync {
 
     /// R: covariance of the measurement.
     fn noise_covariance(&self) -> Symmetric2;
+
+    /// A reported measurement without the sensor's systematic errors; models without such settings leave it as it is.
+    fn corrected(&self, reported: [f64; 2], _sensor: &Sensor) -> [f64; 2] {
+        reported
+    }
 
     /// Whether the numbers of a measurement can be computed with.
     fn is_usable(&self, measured: [f64; 2]) -> bool {
@@ -192,6 +198,11 @@ impl Sensor {
             self.mounting.validate()
         };
         check().map_err(|e| e.within("sensor"))
+    }
+
+    /// How the noise falls off.
+    pub fn tail(&self) -> Tail {
+        Tail::from_degrees_of_freedom(self.tail_degrees_of_freedom)
     }
 
     /// The range-bearing model with this sensor's noise.

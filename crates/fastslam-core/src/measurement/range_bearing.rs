@@ -1,6 +1,6 @@
 //! Distance and direction of a landmark.
 
-use super::{Linearization, MeasurementModel};
+use super::{Linearization, MeasurementModel, Sensor};
 use crate::geometry::{Pose, Symmetric2};
 use crate::real::Real;
 
@@ -37,6 +37,10 @@ impl MeasurementModel for RangeBearing {
 
     fn noise_covariance(&self) -> Symmetric2 {
         Symmetric2::new(self.range_std_m * self.range_std_m, 0.0, self.bearing_std_rad * self.bearing_std_rad)
+    }
+
+    fn corrected(&self, reported: [f64; 2], sensor: &Sensor) -> [f64; 2] {
+        sensor.systematic_error().corrected(reported)
     }
 
     fn is_usable(&self, measured: [f64; 2]) -> bool {
