@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from fastslam.datasets import load
+from fastslam.datasets import load, write_native
+from fastslam.datasets.native import COVARIANCE_COLUMNS
 from fastslam.errors import DataError
+from small_log import make_small_log
 
 YAML = """\
 format_version: 1
@@ -276,3 +279,28 @@ def test_example_in_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.M
     assert (len(log.controls.stamp_s), len(log.sightings.stamp_s)) == (100, 10)
     assert log.identity_names == ("tree",)
     assert log.problems == ()
+
+
+def test_covariances_of_sightings_are_kept(tmp_path: Path) -> None:
+    log = make_small_log()
+    covariance = np.tile([0.04, -0.001, 0.0004], (len(log.sightings.stamp_s), 1))
+    covariance[7] = np.nan
+    written = replace(log, sightings=replace(log.sightings, covariance=covariance))
+    back = load(write_native(written, tmp_path / "log")).sightings.covariance
+    assert back is not None
+    np.testing.assert_array_equal(back, covariance)
+
+
+@pytest.mark.parametrize(
+    ("header", "cells", "message"),
+    [
+        ("range_variance_m2", "0.1", r":1: has range_variance_m2 but not bearing_variance_rad2"),
+        (",".join(COVARIANCE_COLUMNS), "0.1,1.0,0.1", r":2: covariance: got .*positive definite"),
+        (",".join(COVARIANCE_COLUMNS), "0.1,,0.1", r":2: covariance: got"),
+    ],
+)
+def test_faulty_covariances_name_the_line(tmp_path: Path, header: str, cells: str, message: str) -> None:
+    folder = write_native(make_small_log(), tmp_path / "log")
+    (folder / "sightings.csv").write_text(f"stamp_s,range_m,bearing_rad,{header}\n1.0,2.0,0.1,{cells}\n")
+    with pytest.raises(DataError, match=rf"sightings\.csv{message}"):
+        load(folder)

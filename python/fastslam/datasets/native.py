@@ -41,7 +41,8 @@ ODOMETRY_COLUMNS: dict[str, tuple[tuple[str, ...], ...]] = {
     "increments": (INCREMENT_COLUMNS, POSE_COLUMNS),
 }
 SIGHTING_COLUMNS = ("stamp_s", "range_m", "bearing_rad")
-SIGHTING_OPTIONS = ("landmark_id", "class", "signature")
+COVARIANCE_COLUMNS = ("range_variance_m2", "range_bearing_covariance_m_rad", "bearing_variance_rad2")
+SIGHTING_OPTIONS = ("landmark_id", "class", "signature", *COVARIANCE_COLUMNS)
 
 
 def matches(path: Path) -> bool:
@@ -174,9 +175,33 @@ def _read_sightings(
         identity=identity,
         class_index=class_index,
         signature=signature,
+        covariance=_covariance(table),
     )
     sightings, problems = clean_sightings(raw, path=path)
     return sightings, identity_names, class_names, table.problems + problems
+
+
+def _covariance(table: CsvTable) -> Floats | None:
+    """Covariances (S, 3), NaN for the sensor's own; None without the columns. All or none must be there."""
+    present = [name for name in COVARIANCE_COLUMNS if name in table.columns]
+    if not present:
+        return None
+    if len(present) < len(COVARIANCE_COLUMNS):
+        missing = ", ".join(sorted(set(COVARIANCE_COLUMNS) - set(present)))
+        raise DataError(
+            f"has {', '.join(present)} but not {missing}: expected all three or none", table.path, 1
+        )
+    values = np.column_stack([table.numbers(name, empty=float("nan")) for name in COVARIANCE_COLUMNS])
+    given = ~np.isnan(values).all(axis=1)
+    definite = (values[:, 0] > 0) & (values[:, 2] > 0) & (values[:, 0] * values[:, 2] > values[:, 1] ** 2)
+    wrong = given & ~(definite & np.isfinite(values).all(axis=1))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        message = (
+            f"covariance: got {values[row].tolist()}, expected a positive definite one or three empty cells"
+        )
+        raise DataError(message, table.path, table.lines[row])
+    return values
 
 
 def _clock_problems(controls: Controls, sightings: Sightings) -> tuple[Problem, ...]:

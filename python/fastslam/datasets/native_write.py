@@ -13,7 +13,7 @@ import numpy as np
 from .._yaml import write_yaml
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
-from .native import CONFIG_KEYS
+from .native import CONFIG_KEYS, COVARIANCE_COLUMNS
 from .scans_file import NAME as SCANS
 from .scans_file import write_scans
 
@@ -101,8 +101,16 @@ def _write_sightings(log: Log, path: Path) -> None:
         columns.append(_names(sightings.class_index, log.class_names))
     if _has_signature(sightings):
         header.append("signature")
-        columns.append(["" if value != value else value for value in sightings.signature.tolist()])
+        columns.append(_numbers(sightings.signature))
+    if sightings.covariance is not None:
+        header.extend(COVARIANCE_COLUMNS)
+        columns.extend(_numbers(column) for column in sightings.covariance.T)
     _write_csv(path, header, zip(*columns, strict=True))
+
+
+def _numbers(values: Floats) -> list[object]:
+    """Numbers with empty cells for NaN."""
+    return ["" if value != value else value for value in values.tolist()]
 
 
 def _has_signature(sightings: Sightings) -> bool:
