@@ -71,5 +71,9 @@ class RunResult:
     peak_memory_bytes: int
     interrupted: bool = False
     """True when the run was stopped early; everything above is then valid up to the last stamp."""
+    map_rows: int = 0
+    """Rows of the store at the end: one per landmark and distinct copy of it among the particles."""
+    map_bytes: int = 0
+    """What those rows occupy, with what is needed to find them."""
     counts: dict[str, int] = field(default_factory=dict)
     """Skips and repairs that were counted: name to number."""
