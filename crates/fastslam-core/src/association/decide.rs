@@ -4,6 +4,7 @@ use crate::config::{AssociationOrder, Exclusion};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
 use crate::landmark::{column, fit_with_tail, innovation_covariance, Fit, Gaussian, Measured, Tail};
 use crate::measurement::MeasurementModel;
+use crate::store::Rows;
 
 /// What a particle decides about a sighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,11 +59,23 @@ impl CandidateTable {
         self.values[(candidate as usize * self.columns + column) * self.particles + particle]
     }
 
+    /// The rows of a candidate.
+    pub fn rows(&self, candidate: u32) -> Rows<'_> {
+        let size = self.columns * self.particles;
+        Rows::new(&self.values[candidate as usize * size..][..size], self.particles)
+    }
+
+    /// Whether one particle's map has the landmark.
+    #[inline(always)]
+    fn holds(&self, candidate: u32, particle: usize) -> bool {
+        self.value(candidate, column::SIGHTINGS, particle) != 0.0
+    }
+
     /// The landmark in one particle's map, if it is there.
     #[inline(always)]
     pub fn gaussian(&self, candidate: u32, particle: usize) -> Option<Gaussian> {
         let at = |column| self.value(candidate, column, particle);
-        (at(column::SIGHTINGS) != 0.0).then(|| Gaussian {
+        self.holds(candidate, particle).then(|| Gaussian {
             mean: [at(column::MEAN_X), at(column::MEAN_Y)],
             covariance: Symmetric2::new(at(column::COV_XX), at(column::COV_XY), at(column::COV_YY)),
         })
@@ -76,6 +89,72 @@ impl CandidateTable {
             0.0
         }
     }
+}
+
+/// How well every candidate of every sighting fits in every map, with the beliefs before the scan.
+///
+/// **Why:** worked out for all particles in passes of vector code, before the particles decide one by one.
+#[derive(Clone, Debug, Default)]
+pub struct FitTable {
+    /// Per sighting, the first of its pairs with a candidate.
+    first_pair: Vec<usize>,
+    /// Log-likelihoods, then squared Mahalanobis distances, of all particles; per pair.
+    values: Vec<f64>,
+    particles: usize,
+}
+
+impl FitTable {
+    /// Lays out the pairs of the table and lets `fill` write each: the sighting, the candidate, and the columns of
+    /// log-likelihoods and squared distances. Where a map lacks the candidate, what is written does not count.
+    pub fn fill(&mut self, table: &CandidateTable, mut fill: impl FnMut(usize, u32, &mut [f64], &mut [f64])) {
+        self.particles = table.particles;
+        self.first_pair.clear();
+        let mut pairs = 0;
+        for candidates in &table.of_sighting {
+            self.first_pair.push(pairs);
+            pairs += candidates.len();
+        }
+        self.values.resize(2 * self.particles * pairs, 0.0);
+        let mut columns = self.values.chunks_exact_mut(2 * self.particles.max(1));
+        for (j, candidates) in table.of_sighting.iter().enumerate() {
+            for (candidate, columns) in candidates.iter().zip(&mut columns) {
+                let (log_likelihood, mahalanobis_squared) = columns.split_at_mut(self.particles);
+                fill(j, *candidate, log_likelihood, mahalanobis_squared);
+            }
+        }
+    }
+
+    /// The fit of the candidate that stands at `place` among those of a sighting.
+    #[inline(always)]
+    fn get(&self, sighting: usize, place: usize, particle: usize) -> Fit {
+        let at = 2 * self.particles * (self.first_pair[sighting] + place) + particle;
+        Fit { log_likelihood: self.values[at], mahalanobis_squared: self.values[at + self.particles] }
+    }
+}
+
+/// What deciding about a scan needs to remember; kept from particle to particle.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    used: Vec<u32>,
+    order: Vec<usize>,
+    margins: Vec<f64>,
+}
+
+/// What all particles have in common when they decide about a scan.
+#[derive(Clone, Copy)]
+pub struct Scan<'a, M> {
+    /// How the sensor measures.
+    pub model: &'a M,
+    /// Where the sensor is on the robot.
+    pub T_robot_sensor: Pose,
+    /// When a sighting shows a landmark.
+    pub rules: &'a Rules,
+    /// What was sighted.
+    pub sightings: &'a [ScanSighting],
+    /// What may have been sighted.
+    pub table: &'a CandidateTable,
+    /// How well it fits, with the beliefs before the scan.
+    pub fits: &'a FitTable,
 }
 
 /// The rules of association with their thresholds worked out.
@@ -147,6 +226,18 @@ impl Belief {
         fit_with_tail(view.innovation, Self::total_covariance(&cross, view), view.tail)
     }
 
+    /// How well a sighting of a landmark fits.
+    #[inline(always)]
+    pub fn fit<M: MeasurementModel>(
+        &self,
+        model: &M,
+        T_robot_sensor: Pose,
+        landmark: &Gaussian,
+        measured: &Measured,
+    ) -> Fit {
+        self.judge(&self.view(model, self.mean.compose(T_robot_sensor), landmark, measured))
+    }
+
     /// The belief after a sighting of a landmark, and how well it fitted.
     ///
     /// **Source:** `montemerlo2003fastslam`, eqs. 9–15, in gain form, which holds for a singular P: K = P G_sᵀ L⁻¹,
@@ -212,127 +303,121 @@ struct Choice {
     certain: bool,
 }
 
-/// Decides about every sighting of a scan for one particle, refining its belief, and returns the increment of its
-/// log-weight.
-///
-/// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15: the likeliest landmark, or a new one when even that is less
-/// likely than the threshold. Densities include the pose's uncertainty (L in place of Q), which is zero in FastSLAM 1.0.
-#[allow(clippy::too_many_arguments)] // Called once, by the filter, with each of its parts.
-pub fn associate<M: MeasurementModel>(
-    model: &M,
-    T_robot_sensor: Pose,
-    rules: &Rules,
-    scan: &[ScanSighting],
-    table: &CandidateTable,
-    particle: usize,
-    belief: &mut Belief,
-    decisions: &mut [Decision],
-) -> f64 {
-    let mut used: Vec<u32> = Vec::with_capacity(scan.len());
-    let mut log_weight = 0.0;
-    for index in order_of_decisions(model, T_robot_sensor, rules, scan, table, particle, belief) {
-        let sensor = belief.mean.compose(T_robot_sensor);
-        let choice = best_choice(model, sensor, rules, scan, table, particle, belief, index, &used);
-        let sighting = &scan[index];
-        let (decision, log_density) = match choice.best {
-            Some((candidate, fit)) if choice.certain => (Decision::Landmark(candidate), fit.log_likelihood),
-            Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
-                if fit.mahalanobis_squared <= rules.gate {
-                    (Decision::Landmark(candidate), fit.log_likelihood)
-                } else {
-                    (Decision::Ignored, rules.log_new_density)
+impl<M: MeasurementModel> Scan<'_, M> {
+    /// Decides about every sighting for one particle, refining its belief, and returns the increment of its log-weight.
+    ///
+    /// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15: the likeliest landmark, or a new one when even that is less
+    /// likely than the threshold. Densities include the pose's uncertainty (L in place of Q), which is zero in
+    /// FastSLAM 1.0, where no sighting changes the belief.
+    pub fn associate(
+        &self,
+        particle: usize,
+        belief: &mut Belief,
+        decisions: &mut [Decision],
+        scratch: &mut Scratch,
+    ) -> f64 {
+        let rules = self.rules;
+        let certain = belief.covariance == [[0.0; 3]; 3];
+        let mut refined: Option<Belief> = None;
+        let mut log_weight = 0.0;
+        self.order_decisions(particle, certain, scratch);
+        let Scratch { used, order, .. } = scratch;
+        used.clear();
+        for &mut index in order {
+            let choice = self.best_choice(particle, index, refined.as_ref(), used);
+            let (decision, log_density) = match choice.best {
+                Some((candidate, fit)) if choice.certain => (Decision::Landmark(candidate), fit.log_likelihood),
+                Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
+                    if fit.mahalanobis_squared <= rules.gate {
+                        (Decision::Landmark(candidate), fit.log_likelihood)
+                    } else {
+                        (Decision::Ignored, rules.log_new_density)
+                    }
+                }
+                _ => (Decision::New, rules.log_new_density),
+            };
+            if let Decision::Landmark(candidate) = decision {
+                if let (false, Some(landmark)) = (certain, self.table.gaussian(candidate, particle)) {
+                    let belief = refined.get_or_insert(*belief);
+                    belief.refine(self.model, self.T_robot_sensor, &landmark, &self.sightings[index].measured);
+                }
+                if rules.exclusion == Exclusion::OneSighting {
+                    used.push(candidate);
                 }
             }
-            _ => (Decision::New, rules.log_new_density),
-        };
-        if let Decision::Landmark(candidate) = decision {
-            if let Some(landmark) = table.gaussian(candidate, particle) {
-                belief.refine(model, T_robot_sensor, &landmark, &sighting.measured);
-            }
-            if rules.exclusion == Exclusion::OneSighting {
-                used.push(candidate);
-            }
+            decisions[index] = decision;
+            log_weight += rules.likelihood_exponent * log_density;
         }
-        decisions[index] = decision;
-        log_weight += rules.likelihood_exponent * log_density;
-    }
-    log_weight
-}
-
-/// The order in which one particle decides about the sightings: those with an identity first, then the rest as they come
-/// or the least ambiguous first.
-///
-/// **Why:** a sure sighting refines the pose, and the smaller uncertainty then decides the doubtful ones. The order is
-/// that of the belief before the scan; judging it anew after every decision costs the square of the sightings and gains
-/// nothing that the logs show.
-fn order_of_decisions<M: MeasurementModel>(
-    model: &M,
-    T_robot_sensor: Pose,
-    rules: &Rules,
-    scan: &[ScanSighting],
-    table: &CandidateTable,
-    particle: usize,
-    belief: &Belief,
-) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..scan.len()).collect();
-    if rules.order == AssociationOrder::LeastAmbiguousFirst && belief.covariance != [[0.0; 3]; 3] {
-        let sensor = belief.mean.compose(T_robot_sensor);
-        let margins: Vec<f64> = order
-            .iter()
-            .map(|j| best_choice(model, sensor, rules, scan, table, particle, belief, *j, &[]).margin)
-            .collect();
-        order.sort_by(|a, b| margins[*b].total_cmp(&margins[*a]));
-    }
-    order.sort_by_key(|j| scan[*j].identity.is_none());
-    order
-}
-
-/// The likeliest landmark of a sighting for one particle. Ties go to the older landmark.
-#[allow(clippy::too_many_arguments)] // One call site, in the loop above; a struct would only rename the arguments.
-fn best_choice<M: MeasurementModel>(
-    model: &M,
-    sensor: Pose,
-    rules: &Rules,
-    scan: &[ScanSighting],
-    table: &CandidateTable,
-    particle: usize,
-    belief: &Belief,
-    sighting: usize,
-    used: &[u32],
-) -> Choice {
-    let wanted = scan[sighting].identity.map(|identity| f64::from(identity) + 1.0);
-    let mut best: Option<(u32, Fit)> = None;
-    let mut second = rules.log_new_density;
-    for &candidate in &table.of_sighting[sighting] {
-        if used.contains(&candidate) {
-            continue;
+        if let Some(refined) = refined {
+            *belief = refined;
         }
-        let Some(landmark) = table.gaussian(candidate, particle) else { continue };
-        let mark = table.identity_mark(candidate, particle);
-        let view = belief.view(model, sensor, &landmark, &scan[sighting].measured);
-        let fit = belief.judge(&view);
-        if let Some(wanted) = wanted {
-            if mark == wanted {
-                return Choice { best: Some((candidate, fit)), margin: f64::INFINITY, certain: true };
-            }
-            if mark != 0.0 {
+        log_weight
+    }
+
+    /// The order in which one particle decides about the sightings: those with an identity first, then the rest as they
+    /// come or the least ambiguous first.
+    ///
+    /// **Why:** a sure sighting refines the pose, and the smaller uncertainty then decides the doubtful ones. The order
+    /// is that of the belief before the scan; judging it anew after every decision costs the square of the sightings and
+    /// gains nothing that the logs show.
+    fn order_decisions(&self, particle: usize, certain: bool, scratch: &mut Scratch) {
+        let Scratch { order, margins, .. } = scratch;
+        order.clear();
+        order.extend(0..self.sightings.len());
+        if self.rules.order == AssociationOrder::LeastAmbiguousFirst && !certain {
+            margins.clear();
+            margins.extend(order.iter().map(|j| self.best_choice(particle, *j, None, &[]).margin));
+            order.sort_by(|a, b| margins[*b].total_cmp(&margins[*a]));
+        }
+        if self.sightings.iter().any(|sighting| sighting.identity.is_some()) {
+            order.sort_by_key(|j| self.sightings[*j].identity.is_none());
+        }
+    }
+
+    /// The likeliest landmark of a sighting for one particle, whose belief may have been `refined` in this scan. Ties go
+    /// to the older landmark.
+    #[inline]
+    fn best_choice(&self, particle: usize, sighting: usize, refined: Option<&Belief>, used: &[u32]) -> Choice {
+        let ScanSighting { measured, identity } = &self.sightings[sighting];
+        let wanted = identity.map(|identity| f64::from(identity) + 1.0);
+        let refined = refined.map(|belief| (belief, belief.mean.compose(self.T_robot_sensor)));
+        let log_new_density = self.rules.log_new_density;
+        let mut best: Option<(u32, Fit)> = None;
+        let mut second = log_new_density;
+        for (place, &candidate) in self.table.of_sighting[sighting].iter().enumerate() {
+            if !self.table.holds(candidate, particle) || used.contains(&candidate) {
                 continue;
             }
-        }
-        match best {
-            Some((_, leader)) if fit.log_likelihood <= leader.log_likelihood => {
-                second = second.max(fit.log_likelihood);
+            let fit = match (refined, self.table.gaussian(candidate, particle)) {
+                (Some((belief, sensor)), Some(landmark)) => {
+                    belief.judge(&belief.view(self.model, sensor, &landmark, measured))
+                }
+                _ => self.fits.get(sighting, place, particle),
+            };
+            if let Some(wanted) = wanted {
+                let mark = self.table.identity_mark(candidate, particle);
+                if mark == wanted {
+                    return Choice { best: Some((candidate, fit)), margin: f64::INFINITY, certain: true };
+                }
+                if mark != 0.0 {
+                    continue;
+                }
             }
-            leader => {
-                second = leader.map_or(second, |(_, l)| second.max(l.log_likelihood));
-                best = Some((candidate, fit));
+            match best {
+                Some((_, leader)) if fit.log_likelihood <= leader.log_likelihood => {
+                    second = second.max(fit.log_likelihood);
+                }
+                leader => {
+                    second = leader.map_or(second, |(_, l)| second.max(l.log_likelihood));
+                    best = Some((candidate, fit));
+                }
             }
         }
+        let margin = match best {
+            Some((_, fit)) if fit.log_likelihood >= log_new_density => fit.log_likelihood - second,
+            Some((_, fit)) => log_new_density - fit.log_likelihood - 1e6,
+            None => -1e3,
+        };
+        Choice { best, margin, certain: false }
     }
-    let margin = match best {
-        Some((_, fit)) if fit.log_likelihood >= rules.log_new_density => fit.log_likelihood - second,
-        Some((_, fit)) => rules.log_new_density - fit.log_likelihood - 1e6,
-        None => -1e3,
-    };
-    Choice { best, margin, certain: false }
 }

@@ -3,5 +3,5 @@
 mod decide;
 mod grid;
 
-pub use decide::{associate, Belief, CandidateTable, Decision, Rules, ScanSighting};
+pub use decide::{Belief, CandidateTable, Decision, FitTable, Rules, Scan, ScanSighting, Scratch};
 pub use grid::{Box2, Grid};

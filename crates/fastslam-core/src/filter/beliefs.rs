@@ -128,6 +128,42 @@ impl Beliefs {
         );
     }
 
+    /// How well a sighting of a landmark fits in every map, as columns of log-likelihoods and squared Mahalanobis
+    /// distances. Where a map lacks the landmark, what is written does not count.
+    pub fn fit<M: MeasurementModel>(
+        &self,
+        model: &M,
+        T_robot_sensor: Pose,
+        measured: &Measured,
+        rows: &Rows<'_>,
+        [log_likelihood, mahalanobis_squared]: [&mut [f64]; 2],
+    ) {
+        let n = log_likelihood.len();
+        let row = |c: usize| &rows.column(c)[..n];
+        let (x, y) = (row(column::MEAN_X), row(column::MEAN_Y));
+        let (cov_xx, cov_xy, cov_yy) = (row(column::COV_XX), row(column::COV_XY), row(column::COV_YY));
+        let mahalanobis_squared = &mut mahalanobis_squared[..n];
+        let [px, py, ph, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(Vec::as_slice);
+        let (px, py, ph) = (&px[..n], &py[..n], &ph[..n]);
+        let (xx, xy, xh, yy, yh, hh) = (&xx[..n], &xy[..n], &xh[..n], &yy[..n], &yh[..n], &hh[..n]);
+        vectorized(
+            #[inline(always)]
+            || {
+                for i in 0..n {
+                    let belief = Belief {
+                        mean: Pose::new(px[i], py[i], ph[i]),
+                        covariance: [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]],
+                    };
+                    let landmark =
+                        Gaussian { mean: [x[i], y[i]], covariance: Symmetric2::new(cov_xx[i], cov_xy[i], cov_yy[i]) };
+                    let fit = belief.fit(model, T_robot_sensor, &landmark, measured);
+                    log_likelihood[i] = fit.log_likelihood;
+                    mahalanobis_squared[i] = fit.mahalanobis_squared;
+                }
+            },
+        );
+    }
+
     /// Draws a pose from every particle's belief; the covariance may be singular.
     pub fn sample(&self, stream: Stream, x: &mut [f64], y: &mut [f64], heading: &mut [f64]) {
         let n = x.len();

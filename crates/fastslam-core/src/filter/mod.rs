@@ -12,7 +12,7 @@ pub use estimate::{MapEstimate, MapLandmark};
 pub use landmarks::Identities;
 pub use particles::{mixture, Particles, PoseEstimate};
 
-use crate::association::Rules;
+use crate::association::{FitTable, Rules};
 use crate::config::{Algorithm, AssociationMode, Config};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
@@ -124,6 +124,8 @@ pub struct FastSlam<M = RangeBearing> {
     ancestor_indices: Vec<u32>,
     sensor_poses: SensorPoses,
     beliefs: Beliefs,
+    /// How well the candidates of the scan fit.
+    fits: FitTable,
     /// Of the step's sightings, per particle.
     log_likelihood: Vec<f64>,
     estimate: PoseEstimate,
@@ -172,6 +174,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             ancestor_indices: Vec::with_capacity(particles),
             sensor_poses: SensorPoses::default(),
             beliefs: Beliefs::default(),
+            fits: FitTable::default(),
             log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             scratch: Vec::new(),

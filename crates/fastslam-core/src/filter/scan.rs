@@ -1,7 +1,7 @@
 //! Steps in which particles decide which landmark a sighting shows.
 
 use super::{FastSlam, Particles, StepInfo};
-use crate::association::{associate, Belief, Box2, CandidateTable, Decision};
+use crate::association::{Belief, Box2, CandidateTable, Decision, Scan, Scratch};
 use crate::config::Algorithm;
 use crate::error::Result;
 use crate::landmark::{column, correct_rows, first_rows};
@@ -36,16 +36,26 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// Every particle's decisions (an equal share each), with its belief refined and its weight changed by them.
     fn decide(&mut self, scan: &[ScanSighting], table: &CandidateTable) -> Vec<Decision> {
         let mut decisions = vec![Decision::Ignored; self.particles.len() * scan.len()];
-        let (model, beliefs, rules, mounting) = (&self.model, &self.beliefs, &self.rules, self.T_robot_sensor);
-        let one = |(i, mine): (usize, &mut [Decision])| {
+        let (model, beliefs, T_robot_sensor) = (&self.model, &self.beliefs, self.T_robot_sensor);
+        self.fits.fill(table, |j, candidate, log_likelihood, distance| {
+            let columns = [log_likelihood, distance];
+            beliefs.fit(model, T_robot_sensor, &scan[j].measured, &table.rows(candidate), columns);
+        });
+        let common = Scan { model, T_robot_sensor, rules: &self.rules, sightings: scan, table, fits: &self.fits };
+        let one = |scratch: &mut Scratch, (i, mine): (usize, &mut [Decision])| {
             let mut belief = beliefs.get(i);
-            let increment = associate(model, mounting, rules, scan, table, i, &mut belief, mine);
+            let increment = common.associate(i, &mut belief, mine, scratch);
             (belief, increment)
         };
         let share = scan.len().max(1);
         let outcomes: Vec<(Belief, f64)> = match &self.workers {
-            Some(workers) => workers.install(|| decisions.par_chunks_mut(share).enumerate().map(one).collect()),
-            None => decisions.chunks_mut(share).enumerate().map(one).collect(),
+            Some(workers) => workers.install(|| {
+                decisions.par_chunks_mut(share).enumerate().map_init(Scratch::default, one).collect()
+            }),
+            None => {
+                let mut scratch = Scratch::default();
+                decisions.chunks_mut(share).enumerate().map(|share| one(&mut scratch, share)).collect()
+            }
         };
         for (i, (belief, increment)) in outcomes.into_iter().enumerate() {
             self.beliefs.set(i, &belief);
