@@ -60,7 +60,11 @@ def make_log(case: Case) -> Log:
     """The world of the case at the density of the headline, swept lane by lane."""
     duration_s = SECONDS_PER_LANDMARK * case.landmarks + case.extra_s
     sweeps = 2 + int(case.extra_s / (0.5 * SECONDS_PER_LANDMARK * case.landmarks))
-    changes: dict[str, Any] = {"max_duration_s": duration_s, "seed": case.seed, "trajectory": {"sweeps": sweeps}}
+    changes: dict[str, Any] = {
+        "max_duration_s": duration_s,
+        "seed": case.seed,
+        "trajectory": {"sweeps": sweeps},
+    }
     changes["sensor"] = {"max_range_m": case.max_range_m}
     if case.max_range_m != 10.0:
         # The lanes stay those of the 10 m sensor, so that the world is mapped in the same time.

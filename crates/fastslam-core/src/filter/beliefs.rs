@@ -1,7 +1,7 @@
 //! What all particles believe about the robot's pose while they look at a scan, as columns.
 
 use super::particles::{mixture, PoseEstimate};
-use crate::association::Belief;
+use crate::association::{Belief, Box2};
 use crate::geometry::Pose;
 use crate::geometry::Symmetric2;
 use crate::landmark::{column, Gaussian, Measured};
@@ -162,6 +162,36 @@ impl Beliefs {
                 }
             },
         );
+    }
+
+    /// A box around the places where a sighted landmark can be in any map.
+    ///
+    /// `reach` is in standard deviations; `lever_arm_m` is how far the sensor stands from the robot's origin.
+    pub fn region_of<M: MeasurementModel>(
+        &self,
+        model: &M,
+        T_robot_sensor: Pose,
+        measured: &Measured,
+        [reach, lever_arm_m]: [f64; 2],
+    ) -> Box2 {
+        let range = model.range(measured.value);
+        let noise = model.position_variance(measured.value, measured.noise);
+        let lever = (range + lever_arm_m) * (range + lever_arm_m);
+        let n = self.len();
+        let [px, py, ph, xx, _, _, yy, _, hh] = self.columns.each_ref().map(Vec::as_slice);
+        let (px, py, ph, xx, yy, hh) = (&px[..n], &py[..n], &ph[..n], &xx[..n], &yy[..n], &hh[..n]);
+        vectorized(
+            #[inline(always)]
+            || {
+                Box2::around(n, |i| {
+                    let sensor = Pose::new(px[i], py[i], ph[i]).compose(T_robot_sensor);
+                    let [x, y] = model.inverse(sensor, measured.value);
+                    // The trace bounds the largest eigenvalue of the sighting's covariance in the plane.
+                    let margin = reach * (2.0 * (xx[i] + yy[i] + lever * hh[i] + noise)).sqrt();
+                    ([x - margin, y - margin], [x + margin, y + margin])
+                })
+            },
+        )
     }
 
     /// Draws a pose from every particle's belief; the covariance may be singular.

@@ -12,7 +12,7 @@ pub use estimate::{MapEstimate, MapLandmark};
 pub use landmarks::Identities;
 pub use particles::{mixture, Particles, PoseEstimate};
 
-use crate::association::{FitTable, Rules};
+use crate::association::{CandidateTable, FitTable, Rules};
 use crate::config::{Algorithm, AssociationMode, Config};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
@@ -124,6 +124,8 @@ pub struct FastSlam<M = RangeBearing> {
     ancestor_indices: Vec<u32>,
     sensor_poses: SensorPoses,
     beliefs: Beliefs,
+    /// Landmarks that the last scan may have shown; kept for its memory.
+    table: CandidateTable,
     /// How well the candidates of the scan fit.
     fits: FitTable,
     /// Of the step's sightings, per particle.
@@ -174,6 +176,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             ancestor_indices: Vec::with_capacity(particles),
             sensor_poses: SensorPoses::default(),
             beliefs: Beliefs::default(),
+            table: CandidateTable::default(),
             fits: FitTable::default(),
             log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
