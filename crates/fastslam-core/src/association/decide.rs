@@ -74,8 +74,13 @@ impl CandidateTable {
     /// The landmark in one particle's map, if it is there.
     #[inline(always)]
     pub fn gaussian(&self, candidate: u32, particle: usize) -> Option<Gaussian> {
-        let at = |column| self.value(candidate, column, particle);
-        self.holds(candidate, particle).then(|| Gaussian {
+        if !self.holds(candidate, particle) {
+            return None;
+        }
+        let size = self.columns * self.particles;
+        let values = &self.values[candidate as usize * size..][..size];
+        let at = |column: usize| values[column * self.particles + particle];
+        Some(Gaussian {
             mean: [at(column::MEAN_X), at(column::MEAN_Y)],
             covariance: Symmetric2::new(at(column::COV_XX), at(column::COV_XY), at(column::COV_YY)),
         })

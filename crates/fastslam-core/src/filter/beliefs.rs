@@ -30,7 +30,9 @@ impl Beliefs {
     /// The belief of one particle.
     #[inline(always)]
     pub fn get(&self, i: usize) -> Belief {
-        let [x, y, heading, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(|c| c[i]);
+        let [x, y, heading, xx, xy, xh, yy, yh, hh] = &self.columns;
+        let (x, y, heading, xx, xy) = (x[i], y[i], heading[i], xx[i], xy[i]);
+        let (xh, yy, yh, hh) = (xh[i], yy[i], yh[i], hh[i]);
         Belief { mean: Pose::new(x, y, heading), covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
     }
 
@@ -183,13 +185,17 @@ impl Beliefs {
         vectorized(
             #[inline(always)]
             || {
-                Box2::around(n, |i| {
-                    let sensor = Pose::new(px[i], py[i], ph[i]).compose(T_robot_sensor);
-                    let [x, y] = model.inverse(sensor, measured.value);
-                    // The trace bounds the largest eigenvalue of the sighting's covariance in the plane.
-                    let margin = reach * (2.0 * (xx[i] + yy[i] + lever * hh[i] + noise)).sqrt();
-                    ([x - margin, y - margin], [x + margin, y + margin])
-                })
+                Box2::around(
+                    n,
+                    #[inline(always)]
+                    |i| {
+                        let sensor = Pose::new(px[i], py[i], ph[i]).compose(T_robot_sensor);
+                        let [x, y] = model.inverse(sensor, measured.value);
+                        // The trace bounds the largest eigenvalue of the sighting's covariance in the plane.
+                        let margin = reach * (2.0 * (xx[i] + yy[i] + lever * hh[i] + noise)).sqrt();
+                        ([x - margin, y - margin], [x + margin, y + margin])
+                    },
+                )
             },
         )
     }
@@ -227,10 +233,14 @@ impl Beliefs {
         vectorized(
             #[inline(always)]
             || {
-                mixture(weights, |i| {
-                    let covariance = [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]];
-                    (Pose::new(px[i], py[i], ph[i]), covariance)
-                })
+                mixture(
+                    weights,
+                    #[inline(always)]
+                    |i| {
+                        let covariance = [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]];
+                        (Pose::new(px[i], py[i], ph[i]), covariance)
+                    },
+                )
             },
         )
     }

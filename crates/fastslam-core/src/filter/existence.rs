@@ -87,8 +87,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                     let (dx, dy) = (x[i] - sensor_x[i], y[i] - sensor_y[i]);
                     let range_squared = dx * dx + dy * dy;
                     // No branches: the loop must stay a straight line to become vector code.
-                    let reachable =
-                        (count[i] != 0.0) & (range_squared < reach * reach) & (range_squared > near * near);
+                    let reachable = (count[i] != 0.0) & (range_squared < reach * reach) & (range_squared > near * near);
                     let bearing = math::wrap_angle(math::atan2(dy, dx) - heading[i]);
                     let seen = reachable & (bearing.abs() < half_view);
                     verdicts[i] = if seen { Verdict::Missed } else { Verdict::Unseen };

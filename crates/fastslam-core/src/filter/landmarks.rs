@@ -205,9 +205,20 @@ fn place(grid: &mut Option<Grid>, slot: u32, count: &[f64], [x, y, xx, yy]: &[&[
         || {
             // Absent rows get a box that no minimum or maximum notices.
             let absent = (Box2::EMPTY.low, Box2::EMPTY.high);
-            let area = Box2::around(n, |i| if count[i] != 0.0 { ([x[i], y[i]], [x[i], y[i]]) } else { absent });
+            let area = Box2::around(
+                n,
+                #[inline(always)]
+                |i| if count[i] != 0.0 { ([x[i], y[i]], [x[i], y[i]]) } else { absent },
+            );
             let trace = |i: usize| if count[i] != 0.0 { xx[i] + yy[i] } else { 0.0 };
-            (area, Box2::around(n, |i| ([0.0; 2], [trace(i), 0.0])))
+            (
+                area,
+                Box2::around(
+                    n,
+                    #[inline(always)]
+                    |i| ([0.0; 2], [trace(i), 0.0]),
+                ),
+            )
         },
     );
     if area == Box2::EMPTY {

@@ -51,9 +51,8 @@ impl<M: MeasurementModel> FastSlam<M> {
         };
         let share = scan.len().max(1);
         let outcomes: Vec<(Belief, f64)> = match &self.workers {
-            Some(workers) => workers.install(|| {
-                decisions.par_chunks_mut(share).enumerate().map_init(Scratch::default, one).collect()
-            }),
+            Some(workers) => workers
+                .install(|| decisions.par_chunks_mut(share).enumerate().map_init(Scratch::default, one).collect()),
             None => {
                 let mut scratch = Scratch::default();
                 decisions.chunks_mut(share).enumerate().map(|share| one(&mut scratch, share)).collect()
