@@ -28,20 +28,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--quick", action="store_true", help="small worlds, for a look at whether it still works"
-    )
+    parser.add_argument("--quick", action="store_true", help="small worlds: does it still work?")
     parser.add_argument("--out", type=Path, help="folder of the report")
     arguments = parser.parse_args()
     quick = arguments.quick
     folder = arguments.out or Path("results/benchmarks" if quick else "benchmarks/reports")
+    ratio = measure_all(ratio_cases(quick=quick), label="ratio")
     sweep = Sweep(
         started=datetime.now(timezone.utc),
         quick=quick,
-        ratio=measure_all(ratio_cases(quick=quick), label="ratio"),
+        ratio=ratio,
         headline=measure_all(headline_cases(quick=quick), label="headline"),
         many_particles=measure_all([many_particles_case(quick=quick)], label="many particles")[0],
-        by_landmarks=measure_all(store_cases(quick=quick), label="landmarks"),
+        by_landmarks=[*measure_all(store_cases(quick=quick), label="landmarks"), ratio[1]],
         by_particles=measure_all(particle_cases(quick=quick), label="particles"),
     )
     print(f"report: {write_report(sweep, folder)}")

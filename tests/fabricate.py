@@ -78,6 +78,7 @@ def make_run(
         "steps": make_steps(truth.stamp_s),
         "filter_seconds": 2.0,
         "peak_memory_bytes": 12_345_678,
+        "map_bytes": 4_321,
         "counts": {"covariance_repairs": 3},
     }
     return RunResult(**{**members, **changes})

@@ -36,7 +36,7 @@ def test_a_run_comes_back_as_it_was(tmp_path: Path) -> None:
     found = read_result(tmp_path / "new" / "folder")
     assert (found.config, found.version, found.log_name) == (run.config, run.version, run.log_name)
     assert (found.counts, found.interrupted) == (run.counts, True)
-    assert (found.filter_seconds, found.peak_memory_bytes) == (2.0, 12_345_678)
+    assert (found.filter_seconds, found.peak_memory_bytes, found.map_bytes) == (2.0, 12_345_678, 4_321)
     assert found.landmarks.ids == run.landmarks.ids
     np.testing.assert_allclose(found.landmarks.mean_m, run.landmarks.mean_m, rtol=1e-8)
     np.testing.assert_allclose(found.landmarks.covariance_m2, run.landmarks.covariance_m2, rtol=1e-8)

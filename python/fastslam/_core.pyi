@@ -62,6 +62,18 @@ def detect(
 ) -> dict[str, Any]:
     """Finds landmarks in scans; returns columns by name. ValueError for a geometry that makes no sense."""
 
+def scan_arena(
+    rocks: Floats,
+    walls: Floats,
+    T_world_sensor: Floats,
+    geometry_json: str,
+    beams: int,
+    range_std_m: float,
+    dropout_probability: float,
+    seed: int,
+) -> Floats:
+    """Casts rays at rocks (x, y, radius) and walls (two ends): ranges, one row per pose of the sensor."""
+
 class Filter:
     """The filter, one control and one scan at a time."""
 

@@ -74,6 +74,6 @@ class RunResult:
     map_rows: int = 0
     """Rows of the store at the end: one per landmark and distinct copy of it among the particles."""
     map_bytes: int = 0
-    """What those rows occupy, with what is needed to find them."""
+    """What the maps of all particles (the joint covariance of EKF-SLAM) occupy at the end."""
     counts: dict[str, int] = field(default_factory=dict)
     """Skips and repairs that were counted: name to number."""

@@ -38,6 +38,9 @@ pub enum Algorithm {
     /// Poses are drawn from the motion model conditioned on the sightings.
     #[default]
     Fastslam2,
+    /// The extended Kalman filter over the pose and all landmarks together, with their full covariance: O(K²) per
+    /// sighting. Particles, resampling and stores mean nothing to it, and it never removes a landmark.
+    Ekf,
 }
 
 /// Particles, resampling and storage.
@@ -149,17 +152,18 @@ pub struct ExistenceConfig {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Removal {
-    /// When they are missed more often than they are seen.
-    #[default]
-    WhenMissed,
     /// Never, as in the original paper.
+    #[default]
     Never,
+    /// When they are in view and missed much more often than they are seen. For sensors whose range and field of view
+    /// are set as they are, and that see most of what is in view.
+    WhenMissed,
 }
 
 impl Default for ExistenceConfig {
     fn default() -> Self {
         Self {
-            removal: Removal::WhenMissed,
+            removal: Removal::default(),
             initial_log_odds: 1.0,
             sighted_log_odds: 1.0,
             missed_log_odds: 0.3,

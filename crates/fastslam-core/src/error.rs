@@ -28,12 +28,27 @@ pub enum Error {
         /// What it was.
         what: &'static str,
     },
+    /// A covariance that must be positive definite is not: rounding, or noise settings that contradict each other.
+    NotPositiveDefinite {
+        /// Number of the step, from 0.
+        step: u64,
+        /// What it was.
+        what: &'static str,
+    },
 }
 
 impl Error {
     /// A parameter error.
     pub fn parameter(key: impl Into<String>, got: impl fmt::Display, expected: impl Into<String>) -> Self {
         Self::Parameter { key: key.into(), got: got.to_string(), expected: expected.into() }
+    }
+
+    /// An error unless a control and its duration make sense.
+    pub(crate) fn check_control(control: [f64; 3], dt_s: f64) -> Result<()> {
+        if control.iter().all(|v| v.is_finite()) && dt_s.is_finite() && dt_s >= 0.0 {
+            return Ok(());
+        }
+        Err(Self::Input(format!("control {control:?} for {dt_s} s: expected finite numbers and dt_s >= 0")))
     }
 
     /// The same error with `prefix.` in front of the key of a parameter.
@@ -54,6 +69,7 @@ impl fmt::Display for Error {
                 write!(f, "step {step}: every particle has zero weight; the noise settings contradict the log")
             }
             Self::NotFinite { step, what } => write!(f, "step {step}: {what} is not finite"),
+            Self::NotPositiveDefinite { step, what } => write!(f, "step {step}: {what} is not positive definite"),
         }
     }
 }

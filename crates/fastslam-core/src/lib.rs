@@ -6,6 +6,7 @@
 pub mod association;
 pub mod config;
 pub mod detect;
+pub mod ekf_slam;
 pub mod error;
 pub mod filter;
 pub mod geometry;
@@ -18,6 +19,7 @@ pub mod random;
 pub mod real;
 pub mod resampling;
 pub mod run;
+pub mod slam;
 pub mod store;
 pub mod testing;
 pub mod timeline;

@@ -2,8 +2,9 @@
 
 use crate::config::Config;
 use crate::error::Result;
-use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Skipped, StepInfo};
+use crate::filter::{Identities, MapEstimate, PoseEstimate, Skipped, StepInfo};
 use crate::geometry::Pose;
+use crate::slam;
 use crate::store::StoreUsage;
 use crate::timeline::{Event, LogData, Timeline};
 
@@ -47,12 +48,12 @@ pub struct RunOutput {
     pub interrupted: bool,
 }
 
-/// Runs the filter over a log.
+/// Runs the configured filter over a log.
 ///
 /// **Errors:** an invalid log or configuration before anything is computed; the step's error when the filter cannot go on.
 pub fn run(config: &Config, log: &LogData, observer: &mut dyn Observer) -> Result<RunOutput> {
     log.validate()?;
-    let mut filter = FastSlam::new(config.clone(), identities_in(log))?;
+    let mut filter = slam::create(config.clone(), identities_in(log))?;
     let timeline = Timeline::new(log, config.motion.timing(), config.filter.path_period_s);
     let mut out = RunOutput { steps: Vec::with_capacity(timeline.step_bound()), ..RunOutput::default() };
     let mut path_steps: Vec<PathStep> = Vec::new();
@@ -78,7 +79,7 @@ pub fn run(config: &Config, log: &LogData, observer: &mut dyn Observer) -> Resul
     out.filter_seconds = out.steps.iter().map(|s| s.latency_s).sum();
     out.smoothed = with_unsampled(&filter.best_path(), &path_steps, config.initial_pose.T_world_robot());
     out.map = filter.map();
-    out.usage = filter.store_usage();
+    out.usage = filter.usage();
     Ok(out)
 }
 

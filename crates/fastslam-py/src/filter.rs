@@ -2,7 +2,8 @@
 
 use crate::settings::to_python;
 use crate::{arrays, config, run};
-use fastslam_core::filter::{FastSlam, Identities};
+use fastslam_core::filter::Identities;
+use fastslam_core::slam::{self, Slam};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -11,10 +12,10 @@ use pyo3::types::PyDict;
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
-/// FastSLAM, one control and one scan at a time.
+/// The configured filter, one control and one scan at a time.
 #[pyclass]
 pub struct Filter {
-    filter: FastSlam,
+    filter: Box<dyn Slam>,
 }
 
 #[pymethods]
@@ -27,7 +28,7 @@ impl Filter {
             "none" => Identities::None,
             other => return Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
         };
-        let filter = FastSlam::new(config::parse(config_json)?, identities).map_err(to_python)?;
+        let filter = slam::create(config::parse(config_json)?, identities).map_err(to_python)?;
         Ok(Self { filter })
     }
 
@@ -70,10 +71,10 @@ impl Filter {
 
     /// Poses (M, 3) and normalised weights (M) of the particles.
     fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Vector<'py>)> {
-        let particles = self.filter.particles();
-        let motion = self.filter.pending_motion().mean;
-        let poses: Vec<f64> = (0..particles.len()).flat_map(|i| particles.pose(i).compose(motion).to_array()).collect();
-        Ok((poses.into_pyarray(py).reshape([particles.len(), 3])?, self.filter.weights().to_vec().into_pyarray(py)))
+        let hypotheses = self.filter.weighted_poses();
+        let poses: Vec<f64> = hypotheses.iter().flat_map(|(pose, _)| pose.to_array()).collect();
+        let weights: Vec<f64> = hypotheses.iter().map(|(_, weight)| *weight).collect();
+        Ok((poses.into_pyarray(py).reshape([weights.len(), 3])?, weights.into_pyarray(py)))
     }
 
     fn map<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

@@ -1,5 +1,6 @@
 //! Python bindings: convert, validate, map errors; no arithmetic.
 
+mod arena;
 mod arrays;
 mod config;
 mod detect;
@@ -20,6 +21,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(config::control_columns, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
     module.add_class::<filter::Filter>()?;
+    arena::register(module)?;
     detect::register(module)?;
     simulation::register(module)
 }

@@ -33,6 +33,8 @@ pub fn schema_of<T: JsonSchema>() -> PyResult<String> {
 pub fn to_python(error: Error) -> PyErr {
     match error {
         Error::Parameter { .. } | Error::Input(_) => PyValueError::new_err(error.to_string()),
-        Error::AllWeightsZero { .. } | Error::NotFinite { .. } => PyRuntimeError::new_err(error.to_string()),
+        Error::AllWeightsZero { .. } | Error::NotFinite { .. } | Error::NotPositiveDefinite { .. } => {
+            PyRuntimeError::new_err(error.to_string())
+        }
     }
 }

@@ -13,8 +13,10 @@ from .demo import demo
 from .errors import OneLineErrors
 from .evaluate import evaluate_results
 from .info import info
+from .reproduce import reproduce_figure
 from .run import run_log
 from .simulate import simulate_log
+from .sweep import sweep
 
 app = typer.Typer(
     name="fastslam",
@@ -30,6 +32,8 @@ app.command("run")(run_log)
 app.command("simulate")(simulate_log)
 app.command("eval")(evaluate_results)
 app.command("info")(info)
+app.command("sweep")(sweep)
+app.command("reproduce")(reproduce_figure)
 app.add_typer(config_app, name="config")
 app.add_typer(datasets_app, name="datasets")
 

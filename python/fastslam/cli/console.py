@@ -39,21 +39,25 @@ def _console(stream: TextIO) -> Console:
 
 
 class _RateColumn(ProgressColumn):
-    """Steps per second."""
+    """Units per second."""
+
+    def __init__(self, unit: str) -> None:
+        super().__init__()
+        self._unit = unit
 
     def render(self, task: Task) -> Text:
         speed = task.finished_speed or task.speed
-        return Text("" if speed is None else f"{speed:,.0f} steps/s", style="progress.data.speed")
+        return Text("" if speed is None else f"{speed:,.3g} {self._unit}/s", style="progress.data.speed")
 
 
 @contextmanager
-def progress_bar(description: str) -> Iterator[Callable[[int, int], None]]:
+def progress_bar(description: str, *, unit: str = "steps") -> Iterator[Callable[[int, int], None]]:
     """Shows a bar with rate and remaining time on a terminal; yields what to call with (done, total)."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
-        _RateColumn(),
+        _RateColumn(unit),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
     with Progress(*columns, console=stderr(), disable=not sys.stderr.isatty()) as progress:

@@ -11,8 +11,7 @@ The noise was measured on data set 6: odometry error grows like white noise of a
 rad/s held for a second; ranges spread by 0.08-0.18 m, bearings by 0.01 rad with heavy tails. The settings are
 wider: each robot's range scale is off by up to 3 % and, in data set 6, its motion lags the odometry by about
 0.2 s, so that errors repeat from frame to frame (hence also the likelihood exponent), and a missed
-association does more harm than a landmark twice (hence the narrow gate for new ones). A camera frame reports
-few of the barcodes in view, so a missed landmark means nothing.
+association does more harm than a landmark twice (hence the narrow gate for new ones).
 """
 
 from __future__ import annotations
@@ -146,7 +145,7 @@ def _config(truth: TruthTrajectory | None, start_s: float) -> dict[str, Any]:
             "field_of_view_rad": FIELD_OF_VIEW_RAD,
         },
         "filter": {"likelihood_exponent": 0.3},
-        "association": {"new_landmark_gate_probability": 0.999, "existence": {"removal": "never"}},
+        "association": {"new_landmark_gate_probability": 0.999},
     }
     if truth is not None and truth.heading_known:
         start = _pose_at(truth, start_s)

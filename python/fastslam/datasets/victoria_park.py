@@ -90,4 +90,6 @@ def configuration() -> dict[str, Any]:
         },
         # Trees are seen at almost 5 Hz, and the errors of the round-trunk model repeat from scan to scan.
         "filter": {"likelihood_exponent": 0.2},
+        # About half of all detections are people, cars and bushes.
+        "association": {"existence": {"removal": "when_missed"}},
     }

@@ -25,6 +25,7 @@ METRIC_UNITS: dict[str, str] = {
     "filter_seconds": "s",
     "particle_updates_per_second": "1/s",
     "peak_memory_bytes": "B",
+    "map_bytes": "B",
     "step_latency_us": "µs",
     "resamplings": "",
     "mean_effective_sample_size": "particles",
@@ -149,6 +150,7 @@ def run_metrics(result: RunResult) -> Metrics:
         "filter_seconds": float(result.filter_seconds),
         "particle_updates_per_second": rate,
         "peak_memory_bytes": int(result.peak_memory_bytes),
+        "map_bytes": int(result.map_bytes),
         "step_latency_us": _latency(result),
         "resamplings": int(np.count_nonzero(steps.resampled)),
         "mean_effective_sample_size": _finite(np.mean(steps.effective_sample_size))
@@ -158,7 +160,9 @@ def run_metrics(result: RunResult) -> Metrics:
 
 
 def particle_count(config: dict[str, Any]) -> int | None:
-    """Number of particles in an effective configuration; None where it does not say."""
+    """Number of particles in an effective configuration (1 for EKF-SLAM); None where it does not say."""
+    if config.get("algorithm") == "ekf":
+        return 1
     particles = config.get("filter", {}).get("particles")
     return particles if isinstance(particles, int) else None
 

@@ -1,8 +1,9 @@
 //! The decision of one particle about one scan.
 
-use crate::config::{AssociationOrder, Exclusion};
+use crate::config::{AssociationOrder, Config, Exclusion};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
-use crate::landmark::{column, fit_with_tail, innovation_covariance, Fit, Gaussian, Measured, Tail};
+use crate::landmark::{column, fit_with_tail, innovation_covariance, Fit, Gaussian, Measured, Tail, LN_TAU};
+use crate::math;
 use crate::measurement::MeasurementModel;
 use crate::store::Rows;
 
@@ -145,23 +146,6 @@ pub struct Scratch {
     margins: Vec<f64>,
 }
 
-/// What all particles have in common when they decide about a scan.
-#[derive(Clone, Copy)]
-pub struct Scan<'a, M> {
-    /// How the sensor measures.
-    pub model: &'a M,
-    /// Where the sensor is on the robot.
-    pub T_robot_sensor: Pose,
-    /// When a sighting shows a landmark.
-    pub rules: &'a Rules,
-    /// What was sighted.
-    pub sightings: &'a [ScanSighting],
-    /// What may have been sighted.
-    pub table: &'a CandidateTable,
-    /// How well it fits, with the beliefs before the scan.
-    pub fits: &'a FitTable,
-}
-
 /// The rules of association with their thresholds worked out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rules {
@@ -175,6 +159,37 @@ pub struct Rules {
     pub order: AssociationOrder,
     /// Power of the likelihood in the weight.
     pub likelihood_exponent: f64,
+}
+
+impl Rules {
+    /// The configured rules for a sensor.
+    pub fn new<M: MeasurementModel>(config: &Config, model: &M) -> Self {
+        let association = &config.association;
+        let gate = |probability: f64| -2.0 * math::ln(1.0 - probability);
+        let twice = model.noise_covariance().scaled(2.0);
+        let log_new_density = association.new_landmark_density.map_or_else(
+            || {
+                let outer = gate(association.new_landmark_gate_probability);
+                let excess = config.sensor.tail().log_excess(outer);
+                -0.5 * (outer + math::ln(twice.determinant())) - LN_TAU + excess
+            },
+            math::ln,
+        );
+        Self {
+            gate: gate(association.gate_probability),
+            log_new_density,
+            exclusion: association.exclusion,
+            order: association.order,
+            likelihood_exponent: config.filter.likelihood_exponent,
+        }
+    }
+
+    /// How many standard deviations a landmark can lie off and still be likelier than a new one: its likelihood is at
+    /// most that with the sensor's noise alone.
+    pub fn gate_radius<M: MeasurementModel>(&self, model: &M, tail: Tail) -> f64 {
+        let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
+        tail.reach(peak - self.log_new_density)
+    }
 }
 
 /// A landmark as a particle sees it: innovation, how it depends on the pose, and how uncertain it is.
@@ -308,121 +323,177 @@ struct Choice {
     certain: bool,
 }
 
-impl<M: MeasurementModel> Scan<'_, M> {
-    /// Decides about every sighting for one particle, refining its belief, and returns the increment of its log-weight.
-    ///
-    /// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15: the likeliest landmark, or a new one when even that is less
-    /// likely than the threshold. Densities include the pose's uncertainty (L in place of Q), which is zero in
-    /// FastSLAM 1.0, where no sighting changes the belief.
-    pub fn associate(
-        &self,
-        particle: usize,
-        belief: &mut Belief,
-        decisions: &mut [Decision],
-        scratch: &mut Scratch,
-    ) -> f64 {
-        let rules = self.rules;
-        let certain = belief.covariance == [[0.0; 3]; 3];
-        let mut refined: Option<Belief> = None;
-        let mut log_weight = 0.0;
-        self.order_decisions(particle, certain, scratch);
-        let Scratch { used, order, .. } = scratch;
-        used.clear();
-        for &mut index in order {
-            let choice = self.best_choice(particle, index, refined.as_ref(), used);
-            let (decision, log_density) = match choice.best {
-                Some((candidate, fit)) if choice.certain => (Decision::Landmark(candidate), fit.log_likelihood),
-                Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
-                    if fit.mahalanobis_squared <= rules.gate {
-                        (Decision::Landmark(candidate), fit.log_likelihood)
-                    } else {
-                        (Decision::Ignored, rules.log_new_density)
-                    }
-                }
-                _ => (Decision::New, rules.log_new_density),
-            };
-            if let Decision::Landmark(candidate) = decision {
-                if let (false, Some(landmark)) = (certain, self.table.gaussian(candidate, particle)) {
-                    let belief = refined.get_or_insert(*belief);
-                    belief.refine(self.model, self.T_robot_sensor, &landmark, &self.sightings[index].measured);
-                }
-                if rules.exclusion == Exclusion::OneSighting {
-                    used.push(candidate);
+/// One map with a belief about the pose, as the rules of association see it.
+pub trait Hypothesis {
+    /// Whether the pose is known, so that no sighting can refine it.
+    fn pose_is_certain(&self) -> bool;
+    /// How well a sighting fits a candidate; `None` where the map lacks it. `pair` is the number of the sighting and the
+    /// place of the candidate among those of the sighting.
+    fn fit(&self, pair: [usize; 2], candidate: u32, measured: &Measured) -> Option<Fit>;
+    /// Identity that a candidate was seen with, plus one; 0 for none.
+    fn identity_mark(&self, candidate: u32) -> f64;
+    /// Takes a sighting for one of a candidate: the belief is refined by it.
+    fn accept(&mut self, candidate: u32, sighting: &ScanSighting);
+}
+
+/// A particle and the candidates in its map.
+pub struct ParticleHypothesis<'a, M> {
+    /// How the sensor measures.
+    pub model: &'a M,
+    /// Where the sensor is on the robot.
+    pub T_robot_sensor: Pose,
+    /// What may have been sighted.
+    pub table: &'a CandidateTable,
+    /// How well it fits, with the belief before the scan.
+    pub fits: &'a FitTable,
+    /// Which particle.
+    pub particle: usize,
+    /// What it believes before the scan.
+    pub belief: Belief,
+    /// What it believes once a sighting refined that, with the pose of the sensor.
+    pub refined: Option<(Belief, Pose)>,
+}
+
+impl<M: MeasurementModel> Hypothesis for ParticleHypothesis<'_, M> {
+    fn pose_is_certain(&self) -> bool {
+        self.belief.covariance == [[0.0; 3]; 3]
+    }
+
+    #[inline(always)]
+    fn fit(&self, [sighting, place]: [usize; 2], candidate: u32, measured: &Measured) -> Option<Fit> {
+        match &self.refined {
+            None => self.table.holds(candidate, self.particle).then(|| self.fits.get(sighting, place, self.particle)),
+            Some((belief, T_world_sensor)) => {
+                let landmark = self.table.gaussian(candidate, self.particle)?;
+                Some(belief.judge(&belief.view(self.model, *T_world_sensor, &landmark, measured)))
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn identity_mark(&self, candidate: u32) -> f64 {
+        self.table.identity_mark(candidate, self.particle)
+    }
+
+    fn accept(&mut self, candidate: u32, sighting: &ScanSighting) {
+        if self.pose_is_certain() {
+            return;
+        }
+        if let Some(landmark) = self.table.gaussian(candidate, self.particle) {
+            let mut belief = self.refined.map_or(self.belief, |(belief, _)| belief);
+            belief.refine(self.model, self.T_robot_sensor, &landmark, &sighting.measured);
+            self.refined = Some((belief, belief.mean.compose(self.T_robot_sensor)));
+        }
+    }
+}
+
+/// Decides about every sighting of a scan for one hypothesis and returns its log-likelihood, tempered.
+///
+/// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15: the likeliest landmark, or a new one when even that is less
+/// likely than the threshold.
+pub fn decide<H: Hypothesis>(
+    rules: &Rules,
+    scan: &[ScanSighting],
+    of_sighting: &[Vec<u32>],
+    hypothesis: &mut H,
+    scratch: &mut Scratch,
+    decisions: &mut [Decision],
+) -> f64 {
+    let mut log_weight = 0.0;
+    order_decisions(rules, scan, of_sighting, hypothesis, scratch);
+    let Scratch { used, order, .. } = scratch;
+    used.clear();
+    for &mut index in order {
+        let choice = best_choice(rules, (index, &scan[index]), &of_sighting[index], hypothesis, used);
+        let (decision, log_density) = match choice.best {
+            Some((candidate, fit)) if choice.certain => (Decision::Landmark(candidate), fit.log_likelihood),
+            Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
+                if fit.mahalanobis_squared <= rules.gate {
+                    (Decision::Landmark(candidate), fit.log_likelihood)
+                } else {
+                    (Decision::Ignored, rules.log_new_density)
                 }
             }
-            decisions[index] = decision;
-            log_weight += rules.likelihood_exponent * log_density;
+            _ => (Decision::New, rules.log_new_density),
+        };
+        if let Decision::Landmark(candidate) = decision {
+            hypothesis.accept(candidate, &scan[index]);
+            if rules.exclusion == Exclusion::OneSighting {
+                used.push(candidate);
+            }
         }
-        if let Some(refined) = refined {
-            *belief = refined;
-        }
-        log_weight
+        decisions[index] = decision;
+        log_weight += rules.likelihood_exponent * log_density;
     }
+    log_weight
+}
 
-    /// The order in which one particle decides about the sightings: those with an identity first, then the rest as they
-    /// come or the least ambiguous first.
-    ///
-    /// **Why:** a sure sighting refines the pose, and the smaller uncertainty then decides the doubtful ones. The order
-    /// is that of the belief before the scan; judging it anew after every decision costs the square of the sightings and
-    /// gains nothing that the logs show.
-    fn order_decisions(&self, particle: usize, certain: bool, scratch: &mut Scratch) {
-        let Scratch { order, margins, .. } = scratch;
-        order.clear();
-        order.extend(0..self.sightings.len());
-        if self.rules.order == AssociationOrder::LeastAmbiguousFirst && !certain {
-            margins.clear();
-            margins.extend(order.iter().map(|j| self.best_choice(particle, *j, None, &[]).margin));
-            order.sort_by(|a, b| margins[*b].total_cmp(&margins[*a]));
-        }
-        if self.sightings.iter().any(|sighting| sighting.identity.is_some()) {
-            order.sort_by_key(|j| self.sightings[*j].identity.is_none());
-        }
+/// The order in which one hypothesis decides about the sightings: those with an identity first, then the rest as they
+/// come or the least ambiguous first.
+///
+/// **Why:** a sure sighting refines the pose, and the smaller uncertainty then decides the doubtful ones. The order is
+/// that of the belief before the scan; judging it anew after every decision costs the square of the sightings and gains
+/// nothing that the logs show.
+fn order_decisions<H: Hypothesis>(
+    rules: &Rules,
+    scan: &[ScanSighting],
+    of_sighting: &[Vec<u32>],
+    hypothesis: &H,
+    scratch: &mut Scratch,
+) {
+    let Scratch { order, margins, .. } = scratch;
+    order.clear();
+    order.extend(0..scan.len());
+    if rules.order == AssociationOrder::LeastAmbiguousFirst && !hypothesis.pose_is_certain() {
+        let margin = |j: &usize| best_choice(rules, (*j, &scan[*j]), &of_sighting[*j], hypothesis, &[]).margin;
+        margins.clear();
+        margins.extend(order.iter().map(margin));
+        order.sort_by(|a, b| margins[*b].total_cmp(&margins[*a]));
     }
+    if scan.iter().any(|sighting| sighting.identity.is_some()) {
+        order.sort_by_key(|j| scan[*j].identity.is_none());
+    }
+}
 
-    /// The likeliest landmark of a sighting for one particle, whose belief may have been `refined` in this scan. Ties go
-    /// to the older landmark.
-    #[inline]
-    fn best_choice(&self, particle: usize, sighting: usize, refined: Option<&Belief>, used: &[u32]) -> Choice {
-        let ScanSighting { measured, identity } = &self.sightings[sighting];
-        let wanted = identity.map(|identity| f64::from(identity) + 1.0);
-        let refined = refined.map(|belief| (belief, belief.mean.compose(self.T_robot_sensor)));
-        let log_new_density = self.rules.log_new_density;
-        let mut best: Option<(u32, Fit)> = None;
-        let mut second = log_new_density;
-        for (place, &candidate) in self.table.of_sighting[sighting].iter().enumerate() {
-            if !self.table.holds(candidate, particle) || used.contains(&candidate) {
+/// The likeliest landmark of a sighting under one hypothesis. Ties go to the older landmark.
+fn best_choice<H: Hypothesis>(
+    rules: &Rules,
+    (index, sighting): (usize, &ScanSighting),
+    candidates: &[u32],
+    hypothesis: &H,
+    used: &[u32],
+) -> Choice {
+    let wanted = sighting.identity.map(|identity| f64::from(identity) + 1.0);
+    let mut best: Option<(u32, Fit)> = None;
+    let mut second = rules.log_new_density;
+    for (place, &candidate) in candidates.iter().enumerate() {
+        if used.contains(&candidate) {
+            continue;
+        }
+        let Some(fit) = hypothesis.fit([index, place], candidate, &sighting.measured) else { continue };
+        if let Some(wanted) = wanted {
+            let mark = hypothesis.identity_mark(candidate);
+            if mark == wanted {
+                return Choice { best: Some((candidate, fit)), margin: f64::INFINITY, certain: true };
+            }
+            if mark != 0.0 {
                 continue;
             }
-            let fit = match (refined, self.table.gaussian(candidate, particle)) {
-                (Some((belief, sensor)), Some(landmark)) => {
-                    belief.judge(&belief.view(self.model, sensor, &landmark, measured))
-                }
-                _ => self.fits.get(sighting, place, particle),
-            };
-            if let Some(wanted) = wanted {
-                let mark = self.table.identity_mark(candidate, particle);
-                if mark == wanted {
-                    return Choice { best: Some((candidate, fit)), margin: f64::INFINITY, certain: true };
-                }
-                if mark != 0.0 {
-                    continue;
-                }
+        }
+        match best {
+            Some((_, leader)) if fit.log_likelihood <= leader.log_likelihood => {
+                second = second.max(fit.log_likelihood);
             }
-            match best {
-                Some((_, leader)) if fit.log_likelihood <= leader.log_likelihood => {
-                    second = second.max(fit.log_likelihood);
-                }
-                leader => {
-                    second = leader.map_or(second, |(_, l)| second.max(l.log_likelihood));
-                    best = Some((candidate, fit));
-                }
+            leader => {
+                second = leader.map_or(second, |(_, l)| second.max(l.log_likelihood));
+                best = Some((candidate, fit));
             }
         }
-        let margin = match best {
-            Some((_, fit)) if fit.log_likelihood >= log_new_density => fit.log_likelihood - second,
-            Some((_, fit)) => log_new_density - fit.log_likelihood - 1e6,
-            None => -1e3,
-        };
-        Choice { best, margin, certain: false }
     }
+    let margin = match best {
+        Some((_, fit)) if fit.log_likelihood >= rules.log_new_density => fit.log_likelihood - second,
+        Some((_, fit)) => rules.log_new_density - fit.log_likelihood - 1e6,
+        None => -1e3,
+    };
+    Choice { best, margin, certain: false }
 }

@@ -3,5 +3,8 @@
 mod decide;
 mod grid;
 
-pub use decide::{Belief, CandidateTable, Decision, FitTable, Rules, Scan, ScanSighting, Scratch};
+pub(crate) use decide::by_robot_pose;
+pub use decide::{
+    decide, Belief, CandidateTable, Decision, FitTable, Hypothesis, ParticleHypothesis, Rules, ScanSighting, Scratch,
+};
 pub use grid::{Box2, Grid};

@@ -2,6 +2,7 @@
 
 use super::existence;
 use crate::association::{Box2, Grid};
+use crate::config::AssociationMode;
 use crate::landmark::column;
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreKind, StoreUsage};
 use crate::vector::vectorized;
@@ -42,6 +43,16 @@ pub enum Identities {
     Some,
     /// None has one, or they are ignored.
     None,
+}
+
+impl Identities {
+    /// What remains of the log's promise under the configured mode.
+    pub(crate) fn heeding(self, mode: AssociationMode) -> Self {
+        match mode {
+            AssociationMode::Known => self,
+            AssociationMode::Unknown => Self::None,
+        }
+    }
 }
 
 impl Landmarks {

@@ -7,17 +7,18 @@ mod identified;
 mod landmarks;
 mod particles;
 mod scan;
+mod usable;
 
 pub use estimate::{MapEstimate, MapLandmark};
 pub use landmarks::Identities;
 pub use particles::{mixture, Particles, PoseEstimate};
+pub(crate) use usable::usable;
 
 use crate::association::{CandidateTable, FitTable, Rules};
-use crate::config::{Algorithm, AssociationMode, Config};
+use crate::config::{Algorithm, Config};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
-use crate::landmark::{Measured, SensorPoses, Tail, LN_TAU};
-use crate::math;
+use crate::landmark::SensorPoses;
 use crate::measurement::{MeasurementModel, RangeBearing};
 use crate::motion::{MotionGaussian, PoseColumns};
 use crate::path::PathForest;
@@ -149,14 +150,14 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// the mounting count.
     pub fn with_model(config: Config, identities: Identities, model: M) -> Result<Self> {
         config.validate()?;
-        let identities = match config.association.mode {
-            AssociationMode::Known => identities,
-            AssociationMode::Unknown => Identities::None,
-        };
-        let rules = rules(&config, &model);
+        if config.algorithm == Algorithm::Ekf {
+            return Err(Error::parameter("algorithm", "ekf", "fastslam1 or fastslam2; EKF-SLAM is a type of its own"));
+        }
+        let identities = identities.heeding(config.association.mode);
+        let rules = Rules::new(&config, &model);
         let start = config.initial_pose.T_world_robot();
         let particles = config.filter.particles as usize;
-        let gate_radius = gate_radius(&rules, &model, tail(&config));
+        let gate_radius = rules.gate_radius(&model, config.sensor.tail());
         let noise = model.noise_covariance();
         let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
         Ok(Self {
@@ -197,18 +198,14 @@ impl<M: MeasurementModel> FastSlam<M> {
     ///
     /// FastSLAM 1.0 samples every particle's pose now; 2.0 keeps the motion as a Gaussian until sightings come.
     pub fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
-        if !(control.iter().all(|v| v.is_finite()) && dt_s.is_finite() && dt_s >= 0.0) {
-            return Err(Error::Input(format!(
-                "control {control:?} for {dt_s} s: expected finite numbers and dt_s >= 0"
-            )));
-        }
+        Error::check_control(control, dt_s)?;
         match self.config.algorithm {
             Algorithm::Fastslam1 => {
                 let stream = self.random.stream(Purpose::Motion, self.controls);
                 let Particles { x, y, heading, .. } = &mut self.particles;
                 self.config.motion.sample(control, dt_s, stream, PoseColumns { first_particle: 0, x, y, heading });
             }
-            Algorithm::Fastslam2 => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
+            _ => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
         }
         self.controls += 1;
         Ok(())
@@ -219,7 +216,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         let mut info = StepInfo { step: self.steps, ..StepInfo::default() };
-        let usable = self.usable(sightings, &mut info.skipped);
+        let usable = usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped);
         info.sightings = usable.len() as u32;
         // Two sightings with one identity are not independent given the pose's prior: the second waits for the first.
         let mut rounds: Vec<Vec<scan::ScanSighting>> = vec![Vec::new()];
@@ -264,30 +261,6 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.config.algorithm == Algorithm::Fastslam2
             && scan.is_empty()
             && self.pending.covariance[2][2].sqrt() < LARGEST_LINEARISED_HEADING_STD_RAD
-    }
-
-    /// The sightings that can be used, as measurements.
-    fn usable(&self, sightings: &[Sighting], skipped: &mut Skipped) -> Vec<scan::ScanSighting> {
-        let sensor = &self.config.sensor;
-        let mut usable = Vec::with_capacity(sightings.len());
-        for s in sightings {
-            let identity = if self.identities == Identities::None { None } else { s.identity };
-            let range = self.model.range(s.value);
-            if !self.model.is_usable(s.value) {
-                skipped.not_finite += 1;
-            } else if range < sensor.min_range_m {
-                skipped.too_near += 1;
-            } else if range > sensor.max_range_m {
-                skipped.too_far += 1;
-            } else if identity.is_none() && self.identities == Identities::All {
-                skipped.without_identity += 1;
-            } else {
-                let noise = s.noise.filter(|n| n.is_positive_definite()).unwrap_or(self.model.noise_covariance());
-                let measured = Measured { value: s.value, noise, tail: tail(&self.config) };
-                usable.push(scan::ScanSighting { measured, identity });
-            }
-        }
-        usable
     }
 
     /// Normalises the weights and returns the effective sample size.
@@ -354,36 +327,4 @@ fn workers(threads: u32) -> Result<Option<rayon::ThreadPool>> {
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build();
     pool.map(Some).map_err(|error| Error::parameter("filter.threads", threads, format!("fewer: {error}")))
-}
-
-fn rules<M: MeasurementModel>(config: &Config, model: &M) -> Rules {
-    let association = &config.association;
-    let gate = |probability: f64| -2.0 * math::ln(1.0 - probability);
-    let twice = model.noise_covariance();
-    let twice = Symmetric2::new(2.0 * twice.xx, 2.0 * twice.xy, 2.0 * twice.yy);
-    let log_new_density = association.new_landmark_density.map_or_else(
-        || {
-            let outer = gate(association.new_landmark_gate_probability);
-            -0.5 * (outer + math::ln(twice.determinant())) - LN_TAU + tail(config).log_excess(outer)
-        },
-        math::ln,
-    );
-    Rules {
-        gate: gate(association.gate_probability),
-        log_new_density,
-        exclusion: association.exclusion,
-        order: association.order,
-        likelihood_exponent: config.filter.likelihood_exponent,
-    }
-}
-
-/// How many standard deviations a landmark can lie off and still be likelier than a new one: its likelihood is at most
-/// that with the sensor's noise alone.
-fn gate_radius<M: MeasurementModel>(rules: &Rules, model: &M, tail: Tail) -> f64 {
-    let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
-    tail.reach(peak - rules.log_new_density)
-}
-
-fn tail(config: &Config) -> Tail {
-    Tail::from_degrees_of_freedom(config.sensor.tail_degrees_of_freedom)
 }

@@ -1,7 +1,7 @@
 //! Steps in which particles decide which landmark a sighting shows.
 
 use super::{FastSlam, Particles, StepInfo};
-use crate::association::{Belief, CandidateTable, Decision, Scan, Scratch};
+use crate::association::{decide, Belief, CandidateTable, Decision, ParticleHypothesis, Scratch};
 use crate::config::Algorithm;
 use crate::error::Result;
 use crate::landmark::{column, correct_rows, first_rows};
@@ -43,11 +43,13 @@ impl<M: MeasurementModel> FastSlam<M> {
             let columns = [log_likelihood, distance];
             beliefs.fit(model, T_robot_sensor, &scan[j].measured, &table.rows(candidate), columns);
         });
-        let common = Scan { model, T_robot_sensor, rules: &self.rules, sightings: scan, table, fits: &self.fits };
+        let (rules, fits) = (&self.rules, &self.fits);
         let one = |scratch: &mut Scratch, (i, mine): (usize, &mut [Decision])| {
-            let mut belief = beliefs.get(i);
-            let increment = common.associate(i, &mut belief, mine, scratch);
-            (belief, increment)
+            let belief = beliefs.get(i);
+            let mut particle =
+                ParticleHypothesis { model, T_robot_sensor, table, fits, particle: i, belief, refined: None };
+            let increment = decide(rules, scan, &table.of_sighting, &mut particle, scratch, mine);
+            (particle.refined.map_or(belief, |(belief, _)| belief), increment)
         };
         let share = scan.len().max(1);
         let outcomes: Vec<(Belief, f64)> = match &self.workers {
@@ -71,7 +73,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let Particles { x, y, heading, .. } = &self.particles;
         match self.config.algorithm {
             Algorithm::Fastslam1 => self.beliefs.certain(x, y, heading),
-            Algorithm::Fastslam2 => self.beliefs.predict(x, y, heading, &self.pending),
+            _ => self.beliefs.predict(x, y, heading, &self.pending),
         }
     }
 

@@ -11,6 +11,7 @@ pub use range_bearing::RangeBearing;
 
 use crate::error::{finite, positive, Result};
 use crate::geometry::{Pose, Symmetric2};
+use crate::landmark::Tail;
 use crate::real::{Dual, Real};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -158,6 +159,11 @@ impl Sensor {
             self.mounting.validate()
         };
         check().map_err(|e| e.within("sensor"))
+    }
+
+    /// How the noise falls off.
+    pub fn tail(&self) -> Tail {
+        Tail::from_degrees_of_freedom(self.tail_degrees_of_freedom)
     }
 
     /// The range-bearing model with this sensor's noise.

@@ -1,0 +1,86 @@
+//! Steps in which the filter decides which landmark a sighting shows.
+
+use super::EkfSlam;
+use crate::association::{decide, Decision, Hypothesis, ScanSighting, Scratch};
+use crate::error::Result;
+use crate::filter::StepInfo;
+use crate::landmark::{fit_with_tail, Fit, Measured};
+use crate::measurement::MeasurementModel;
+
+/// The one hypothesis of EKF-SLAM, whose state is refined sighting by sighting.
+struct JointHypothesis<'a, M> {
+    filter: &'a mut EkfSlam<M>,
+    failure: Result<()>,
+}
+
+impl<M: MeasurementModel> Hypothesis for JointHypothesis<'_, M> {
+    fn pose_is_certain(&self) -> bool {
+        false
+    }
+
+    fn fit(&self, _pair: [usize; 2], candidate: u32, measured: &Measured) -> Option<Fit> {
+        let view = self.filter.view(candidate, measured);
+        Some(fit_with_tail(view.innovation, view.s, measured.tail))
+    }
+
+    fn identity_mark(&self, candidate: u32) -> f64 {
+        self.filter.landmarks[candidate as usize].identity_mark
+    }
+
+    fn accept(&mut self, candidate: u32, sighting: &ScanSighting) {
+        if self.failure.is_ok() {
+            self.failure = self.filter.correct(candidate, sighting).map(|_| ());
+        }
+    }
+}
+
+impl<M: MeasurementModel> EkfSlam<M> {
+    /// Associates a scan, corrects the landmarks that it shows, and returns the sightings of new ones.
+    pub(super) fn correct_associated<'a>(
+        &mut self,
+        scan: &'a [ScanSighting],
+        info: &mut StepInfo,
+    ) -> Result<Vec<&'a ScanSighting>> {
+        let of_sighting = self.candidates(scan);
+        let rules = self.rules;
+        let mut decisions = vec![Decision::Ignored; scan.len()];
+        let mut hypothesis = JointHypothesis { filter: self, failure: Ok(()) };
+        info.log_likelihood +=
+            decide(&rules, scan, &of_sighting, &mut hypothesis, &mut Scratch::default(), &mut decisions);
+        hypothesis.failure?;
+        info.ignored += decisions.iter().filter(|d| **d == Decision::Ignored).count() as u32;
+        Ok(scan.iter().zip(&decisions).filter(|(_, d)| **d == Decision::New).map(|(s, _)| s).collect())
+    }
+
+    /// The landmarks that each sighting might show: those near enough, and those of its identity.
+    ///
+    /// **Why:** a linear search is as nothing beside the correction, and traces bound the largest eigenvalues.
+    fn candidates(&self, scan: &[ScanSighting]) -> Vec<Vec<u32>> {
+        let reach = self.rules.gate_radius(&self.model, self.config.sensor.tail());
+        let sensor = self.pose.compose(self.T_robot_sensor);
+        let lever_arm_m = self.T_robot_sensor.x.hypot(self.T_robot_sensor.y);
+        let pose = self.covariance.of_pose();
+        let spread_m: Vec<f64> = (0..self.landmarks.len() as u32)
+            .map(|index| {
+                let p = self.landmark_covariance(index);
+                (p.xx + p.yy).sqrt()
+            })
+            .collect();
+        let find = |sighting: &ScanSighting| {
+            let Measured { value, noise, .. } = sighting.measured;
+            let lever_m = self.model.range(value) + lever_arm_m;
+            let variance =
+                pose[0][0] + pose[1][1] + lever_m * lever_m * pose[2][2] + self.model.position_variance(value, noise);
+            let [x, y] = self.model.inverse(sensor, value);
+            let near = |index: u32| {
+                let [u, v] = self.landmark_mean(index);
+                (u - x).hypot(v - y) <= reach * ((2.0 * variance).sqrt() + spread_m[index as usize])
+            };
+            let mark = sighting.identity.map(|identity| f64::from(identity) + 1.0);
+            (0..self.landmarks.len() as u32)
+                .filter(|&index| near(index) || mark == Some(self.landmarks[index as usize].identity_mark))
+                .collect()
+        };
+        scan.iter().map(find).collect()
+    }
+}

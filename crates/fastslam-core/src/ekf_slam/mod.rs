@@ -1,0 +1,334 @@
+//! EKF-SLAM: one Gaussian over the pose and all landmarks.
+//!
+//! The baseline that FastSLAM is measured against, on the same models, association and outputs. A sighting costs
+//! O(K²) with a small constant: see [`covariance`].
+
+mod associate;
+pub mod covariance;
+
+use crate::association::{by_robot_pose, Rules, ScanSighting};
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Sighting, StepInfo};
+use crate::geometry::{transform3, Matrix3, Pose, Symmetric2};
+use crate::landmark::{fit_with_tail, Fit, Measured};
+use crate::math::wrap_angle;
+use crate::measurement::{MeasurementModel, RangeBearing};
+use crate::motion::MotionGaussian;
+use crate::real::Dual;
+use crate::store::StoreUsage;
+use covariance::{Covariance, SparseRows, VectorPair, TILE};
+use rustc_hash::FxHashMap;
+
+/// Row of the first landmark in the state; the pose has three rows and one that is always zero.
+const FIRST_LANDMARK: usize = 4;
+
+/// What is known of a landmark besides its Gaussian.
+#[derive(Clone, Copy, Debug)]
+struct Landmark {
+    /// One more than the identity that it was seen with, 0 for none.
+    identity_mark: f64,
+    identity: Option<u32>,
+    sightings: u32,
+}
+
+/// EKF-SLAM with known identities or maximum-likelihood association.
+///
+/// ```
+/// use fastslam_core::{config::Config, ekf_slam::EkfSlam, filter::{Identities, Sighting}};
+/// let mut filter = EkfSlam::new(Config::default(), Identities::All)?;
+/// filter.predict([1.0, 0.1, 0.0], 0.1)?;
+/// let tree = Sighting::range_bearing(4.0, 0.3, Some(7));
+/// let info = filter.update(0.1, &[tree])?;
+/// assert_eq!((info.new_landmarks, filter.map().landmarks.len()), (1, 1));
+/// # Ok::<(), fastslam_core::error::Error>(())
+/// ```
+pub struct EkfSlam<M = RangeBearing> {
+    config: Config,
+    identities: Identities,
+    model: M,
+    T_robot_sensor: Pose,
+    rules: Rules,
+    pose: Pose,
+    /// Motion since the last update.
+    pending: MotionGaussian,
+    landmarks: Vec<Landmark>,
+    of_identity: FxHashMap<u32, u32>,
+    /// Positions of the landmarks, x and y in turn, from row [`FIRST_LANDMARK`] on.
+    mean: Vec<f64>,
+    covariance: Covariance,
+    trail: Vec<(f64, Pose)>,
+    steps: u64,
+    gain: VectorPair,
+}
+
+/// A landmark as the state sees it: innovation, its derivative by the state, and its covariance.
+struct View {
+    innovation: [f64; 2],
+    h: SparseRows,
+    s: Symmetric2,
+}
+
+impl EkfSlam {
+    /// A filter at the configured initial pose with an empty map.
+    ///
+    /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
+    pub fn new(config: Config, identities: Identities) -> Result<Self> {
+        let model = config.sensor.range_bearing();
+        Self::with_model(config, identities, model)
+    }
+}
+
+impl<M: MeasurementModel> EkfSlam<M> {
+    /// A filter for any measurement model, which brings its own noise; of `Config::sensor` the limits, the tail and
+    /// the mounting count.
+    pub fn with_model(config: Config, identities: Identities, model: M) -> Result<Self> {
+        config.validate()?;
+        Ok(Self {
+            identities: identities.heeding(config.association.mode),
+            T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
+            rules: Rules::new(&config, &model),
+            pose: config.initial_pose.T_world_robot(),
+            pending: MotionGaussian::default(),
+            landmarks: Vec::new(),
+            of_identity: FxHashMap::default(),
+            mean: vec![0.0; TILE],
+            covariance: Covariance::new(),
+            trail: Vec::new(),
+            steps: 0,
+            gain: VectorPair::new(),
+            model,
+            config,
+        })
+    }
+
+    /// The configuration in force.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`.
+    ///
+    /// **Why:** only the pose moves, so controls are gathered at O(1) and enter the joint covariance at the next update.
+    pub fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
+        Error::check_control(control, dt_s)?;
+        self.pending = self.config.motion.extend(&self.pending, control, dt_s);
+        Ok(())
+    }
+
+    /// Processes all sightings of one stamp (there may be none).
+    ///
+    /// **Errors:** [`Error::NotPositiveDefinite`] and [`Error::NotFinite`] when rounding has spoilt the state.
+    pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        let mut info = StepInfo { step: self.steps, effective_sample_size: 1.0, sampled: true, ..StepInfo::default() };
+        let scan = usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped);
+        info.sightings = scan.len() as u32;
+        self.move_pose();
+        let new = match self.identities {
+            Identities::All => self.correct_identified(&scan, &mut info)?,
+            _ => self.correct_associated(&scan, &mut info)?,
+        };
+        for sighting in new {
+            match sighting.identity.and_then(|identity| self.of_identity.get(&identity).copied()) {
+                // A second sighting of a landmark that this scan created.
+                Some(index) if self.identities == Identities::All => {
+                    info.log_likelihood +=
+                        self.rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
+                }
+                _ => {
+                    self.add(sighting);
+                    info.new_landmarks += 1;
+                }
+            }
+        }
+        if !self.pose.is_finite() {
+            return Err(Error::NotFinite { step: self.steps, what: "the pose" });
+        }
+        info.landmarks = self.landmarks.len() as u32;
+        self.trail.push((stamp_s, self.pose));
+        self.steps += 1;
+        Ok(info)
+    }
+
+    /// Corrects the landmarks that are known and returns the sightings of others.
+    fn correct_identified<'a>(
+        &mut self,
+        scan: &'a [ScanSighting],
+        info: &mut StepInfo,
+    ) -> Result<Vec<&'a ScanSighting>> {
+        let mut new = Vec::new();
+        for sighting in scan {
+            match sighting.identity.and_then(|identity| self.of_identity.get(&identity).copied()) {
+                Some(index) => {
+                    info.log_likelihood +=
+                        self.rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
+                }
+                None => new.push(sighting),
+            }
+        }
+        Ok(new)
+    }
+
+    /// Brings the motion since the last update into pose and covariance.
+    fn move_pose(&mut self) {
+        let motion = std::mem::take(&mut self.pending);
+        let (moved, by_pose) = moved_by(self.pose, motion.mean);
+        self.covariance.move_pose(&by_pose, &motion.covariance_in_world(self.pose.heading));
+        self.pose = moved;
+    }
+
+    fn row(index: u32) -> usize {
+        FIRST_LANDMARK + 2 * index as usize
+    }
+
+    fn landmark_mean(&self, index: u32) -> [f64; 2] {
+        let row = Self::row(index);
+        [self.mean[row], self.mean[row + 1]]
+    }
+
+    fn landmark_covariance(&self, index: u32) -> Symmetric2 {
+        let (row, p) = (Self::row(index), &self.covariance);
+        Symmetric2::new(p.get(row, row), p.get(row + 1, row), p.get(row + 1, row + 1))
+    }
+
+    fn view(&self, index: u32, measured: &Measured) -> View {
+        let sensor = self.pose.compose(self.T_robot_sensor);
+        let linear = self.model.linearize(sensor, self.landmark_mean(index));
+        let by_pose = by_robot_pose(linear.by_pose, self.pose, sensor);
+        let row = Self::row(index);
+        let h = SparseRows {
+            columns: [0, 1, 2, row, row + 1],
+            values: std::array::from_fn(|r| {
+                let ([x, y, heading], [u, v]) = (by_pose[r], linear.by_landmark[r]);
+                [x, y, heading, u, v]
+            }),
+        };
+        let [[xx, xy], [_, yy]] = self.covariance.projected(&h);
+        View {
+            innovation: self.model.innovation(measured.value, linear.expected),
+            h,
+            s: Symmetric2::new(xx + measured.noise.xx, xy + measured.noise.xy, yy + measured.noise.yy),
+        }
+    }
+
+    /// Conditions the whole state on a sighting of a landmark and returns how well it fitted before.
+    ///
+    /// **Why:** with S = L Lᵀ and W = P Hᵀ L⁻ᵀ the update P ← P − W Wᵀ, x ← x + W L⁻¹ ν needs no inverse and is
+    /// symmetric by construction; it equals Joseph's form for the optimal gain.
+    fn correct(&mut self, index: u32, sighting: &ScanSighting) -> Result<Fit> {
+        let measured = &sighting.measured;
+        let view = self.view(index, measured);
+        let fit = fit_with_tail(view.innovation, view.s, measured.tail);
+        let more = measured.noise.scaled(measured.tail.noise_scale(fit.mahalanobis_squared) - 1.0);
+        let s = Symmetric2::new(view.s.xx + more.xx, view.s.xy + more.xy, view.s.yy + more.yy);
+        if !s.is_positive_definite() {
+            let what = "the innovation covariance of a sighting";
+            return Err(Error::NotPositiveDefinite { step: self.steps, what });
+        }
+        let l00 = s.xx.sqrt();
+        let l10 = s.xy / l00;
+        let l11 = (s.yy - l10 * l10).sqrt();
+        let y0 = view.innovation[0] / l00;
+        let y1 = (view.innovation[1] - l10 * y0) / l11;
+        self.covariance.times_transposed(&view.h, &mut self.gain);
+        for (pair, mean) in self.gain.chunks_exact_mut(2 * TILE).zip(self.mean.chunks_exact_mut(TILE)) {
+            for a in 0..TILE {
+                let w0 = pair[a] / l00;
+                let w1 = (pair[TILE + a] - l10 * w0) / l11;
+                (pair[a], pair[TILE + a]) = (w0, w1);
+                mean[a] += w0 * y0 + w1 * y1;
+            }
+        }
+        let step: [f64; 3] = std::array::from_fn(|i| self.gain[i] * y0 + self.gain[TILE + i] * y1);
+        self.pose = Pose::new(self.pose.x + step[0], self.pose.y + step[1], wrap_angle(self.pose.heading + step[2]));
+        self.covariance.subtract_outer(&self.gain);
+        self.landmarks[index as usize].sightings += 1;
+        self.mark_identity(index, sighting.identity);
+        Ok(fit)
+    }
+
+    fn mark_identity(&mut self, index: u32, identity: Option<u32>) {
+        let Some(identity) = identity else { return };
+        let landmark = &mut self.landmarks[index as usize];
+        (landmark.identity, landmark.identity_mark) = (Some(identity), f64::from(identity) + 1.0);
+        self.of_identity.entry(identity).or_insert(index);
+    }
+
+    /// Adds a landmark g⁻¹(z, s), uncertain by the noise and, as the others, by the pose.
+    fn add(&mut self, sighting: &ScanSighting) {
+        let index = self.landmarks.len() as u32;
+        let row = Self::row(index);
+        let values = self.pose.to_array();
+        let variable = |i: usize, value: f64| Dual::<5>::variable(value, i);
+        let robot = Pose::new(variable(0, values[0]), variable(1, values[1]), variable(2, values[2]));
+        let [x, y, yaw] = self.T_robot_sensor.to_array().map(<Dual<5> as crate::real::Real>::constant);
+        let z = sighting.measured.value;
+        let place = self.model.inverse(robot.compose(Pose::new(x, y, yaw)), [variable(3, z[0]), variable(4, z[1])]);
+        let by_pose = place.map(|v| [v.gradient[0], v.gradient[1], v.gradient[2]]);
+        let own = sighting.measured.noise.transformed(place.map(|v| [v.gradient[3], v.gradient[4]]));
+        self.covariance.add_landmark(row, &by_pose, [[own.xx, own.xy], [own.xy, own.yy]]);
+        self.mean.resize((row + 2).next_multiple_of(TILE), 0.0);
+        (self.mean[row], self.mean[row + 1]) = (place[0].value, place[1].value);
+        self.landmarks.push(Landmark { identity_mark: 0.0, identity: None, sightings: 1 });
+        self.mark_identity(index, sighting.identity);
+    }
+
+    /// Mean and covariance of the pose after the last update.
+    pub fn pose(&self) -> PoseEstimate {
+        PoseEstimate { mean: self.pose, covariance: self.covariance.of_pose() }
+    }
+
+    /// Mean and covariance of the pose with the motion since the last update.
+    pub fn predicted_pose(&self) -> PoseEstimate {
+        let (mean, by_pose) = moved_by(self.pose, self.pending.mean);
+        let old = transform3(&by_pose, &self.covariance.of_pose());
+        let noise = self.pending.covariance_in_world(self.pose.heading);
+        let covariance = std::array::from_fn(|i| std::array::from_fn(|j| old[i][j] + noise[i][j]));
+        PoseEstimate { mean, covariance }
+    }
+
+    /// Motion since the last update.
+    pub fn pending_motion(&self) -> MotionGaussian {
+        self.pending
+    }
+
+    /// The pose after each update. The filter forgets past poses, so this is no smoothed path.
+    pub fn trail(&self) -> &[(f64, Pose)] {
+        &self.trail
+    }
+
+    /// The map, in the order of creation.
+    pub fn map(&self) -> MapEstimate {
+        let landmarks = self
+            .landmarks
+            .iter()
+            .zip(0..)
+            .map(|(landmark, index)| MapLandmark {
+                birth: u64::from(index),
+                identity: landmark.identity,
+                mean: self.landmark_mean(index),
+                covariance: self.landmark_covariance(index),
+                sightings: landmark.sightings,
+            })
+            .collect();
+        MapEstimate { landmarks }
+    }
+
+    /// Covariance of (x, y, heading, x₀, y₀, x₁, …), in row order.
+    pub fn joint_covariance(&self) -> Vec<f64> {
+        let rows: Vec<usize> = (0..3).chain(FIRST_LANDMARK..FIRST_LANDMARK + 2 * self.landmarks.len()).collect();
+        rows.iter().flat_map(|&i| rows.iter().map(move |&j| self.covariance.get(i.max(j), i.min(j)))).collect()
+    }
+
+    /// What the joint covariance occupies.
+    pub fn usage(&self) -> StoreUsage {
+        StoreUsage { rows: self.landmarks.len(), bytes: self.covariance.bytes() + 8 * self.mean.len() }
+    }
+}
+
+/// The pose after a motion, and its derivative by the pose.
+fn moved_by(pose: Pose, motion: Pose) -> (Pose, Matrix3) {
+    let moved = pose.compose(motion);
+    let by_pose = [[1.0, 0.0, pose.y - moved.y], [0.0, 1.0, moved.x - pose.x], [0.0, 0.0, 1.0]];
+    (moved, by_pose)
+}

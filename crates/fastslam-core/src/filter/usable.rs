@@ -1,0 +1,35 @@
+//! Which sightings a filter can use.
+
+use super::{Identities, Sighting, Skipped};
+use crate::association::ScanSighting;
+use crate::landmark::Measured;
+use crate::measurement::{MeasurementModel, Sensor};
+
+/// The sightings that can be used, as measurements; the others are counted by reason.
+pub(crate) fn usable<M: MeasurementModel>(
+    sensor: &Sensor,
+    identities: Identities,
+    model: &M,
+    sightings: &[Sighting],
+    skipped: &mut Skipped,
+) -> Vec<ScanSighting> {
+    let tail = sensor.tail();
+    let mut usable = Vec::with_capacity(sightings.len());
+    for s in sightings {
+        let identity = if identities == Identities::None { None } else { s.identity };
+        let range = model.range(s.value);
+        if !model.is_usable(s.value) {
+            skipped.not_finite += 1;
+        } else if range < sensor.min_range_m {
+            skipped.too_near += 1;
+        } else if range > sensor.max_range_m {
+            skipped.too_far += 1;
+        } else if identity.is_none() && identities == Identities::All {
+            skipped.without_identity += 1;
+        } else {
+            let noise = s.noise.filter(|n| n.is_positive_definite()).unwrap_or(model.noise_covariance());
+            usable.push(ScanSighting { measured: Measured { value: s.value, noise, tail }, identity });
+        }
+    }
+    usable
+}

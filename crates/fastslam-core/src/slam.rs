@@ -1,0 +1,102 @@
+//! What every filter can do, so that a run over a log need not know which one it has.
+
+use crate::config::{Algorithm, Config};
+use crate::ekf_slam::EkfSlam;
+use crate::error::Result;
+use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Sighting, StepInfo};
+use crate::geometry::Pose;
+use crate::measurement::MeasurementModel;
+use crate::motion::MotionGaussian;
+use crate::store::StoreUsage;
+
+/// A SLAM filter: controls and sightings in, pose, path and map out.
+pub trait Slam: Send + Sync {
+    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`.
+    fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()>;
+    /// Processes all sightings of one stamp (there may be none).
+    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo>;
+    /// Mean and covariance of the pose after the last update.
+    fn pose(&self) -> PoseEstimate;
+    /// Mean and covariance of the pose now.
+    fn predicted_pose(&mut self) -> PoseEstimate;
+    /// Motion since the poses on the path were last set.
+    fn pending_motion(&self) -> MotionGaussian;
+    /// Every hypothesis about the pose now, with its weight.
+    fn weighted_poses(&self) -> Vec<(Pose, f64)>;
+    /// The path of the best hypothesis: stamps in seconds and `T_world_robot`.
+    fn best_path(&self) -> Vec<(f64, Pose)>;
+    /// The map.
+    fn map(&mut self) -> MapEstimate;
+    /// What the map occupies.
+    fn usage(&self) -> StoreUsage;
+}
+
+/// The configured filter at its initial pose with an empty map.
+pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
+    Ok(match config.algorithm {
+        Algorithm::Ekf => Box::new(EkfSlam::new(config, identities)?),
+        Algorithm::Fastslam1 | Algorithm::Fastslam2 => Box::new(FastSlam::new(config, identities)?),
+    })
+}
+
+impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
+    fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
+        FastSlam::predict(self, control, dt_s)
+    }
+    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        FastSlam::update(self, stamp_s, sightings)
+    }
+    fn pose(&self) -> PoseEstimate {
+        FastSlam::pose(self)
+    }
+    fn predicted_pose(&mut self) -> PoseEstimate {
+        FastSlam::predicted_pose(self)
+    }
+    fn pending_motion(&self) -> MotionGaussian {
+        FastSlam::pending_motion(self)
+    }
+    fn weighted_poses(&self) -> Vec<(Pose, f64)> {
+        let motion = self.pending_motion().mean;
+        let poses = (0..self.particles().len()).map(|i| self.particles().pose(i).compose(motion));
+        poses.zip(self.weights().iter().copied()).collect()
+    }
+    fn best_path(&self) -> Vec<(f64, Pose)> {
+        FastSlam::best_path(self)
+    }
+    fn map(&mut self) -> MapEstimate {
+        FastSlam::map(self)
+    }
+    fn usage(&self) -> StoreUsage {
+        self.store_usage()
+    }
+}
+
+impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
+    fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
+        EkfSlam::predict(self, control, dt_s)
+    }
+    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        EkfSlam::update(self, stamp_s, sightings)
+    }
+    fn pose(&self) -> PoseEstimate {
+        EkfSlam::pose(self)
+    }
+    fn predicted_pose(&mut self) -> PoseEstimate {
+        EkfSlam::predicted_pose(self)
+    }
+    fn pending_motion(&self) -> MotionGaussian {
+        EkfSlam::pending_motion(self)
+    }
+    fn weighted_poses(&self) -> Vec<(Pose, f64)> {
+        vec![(EkfSlam::predicted_pose(self).mean, 1.0)]
+    }
+    fn best_path(&self) -> Vec<(f64, Pose)> {
+        self.trail().to_vec()
+    }
+    fn map(&mut self) -> MapEstimate {
+        EkfSlam::map(self)
+    }
+    fn usage(&self) -> StoreUsage {
+        EkfSlam::usage(self)
+    }
+}
