@@ -138,8 +138,8 @@ def store_cases(*, quick: bool) -> list[Case]:
     """
     sizes = {
         "lineage": [100, 1000] if quick else [100, 1000, 10_000, 100_000],
-        "tree": [100, 1000] if quick else [100, 1000, 10_000, 100_000],
-        "dense": [100, 300] if quick else [100, 1000, 3000],
+        "tree": [100, 1000] if quick else [100, 1000, 10_000, 30_000],
+        "dense": [100, 300] if quick else [100, 1000, 2000],
     }
     extra_s = 300.0 if quick else 2000.0
     # Rising together, so that the sizes whose ratio counts lie as close in time as their order allows.
@@ -148,14 +148,13 @@ def store_cases(*, quick: bool) -> list[Case]:
 
 
 def particle_cases(*, quick: bool) -> list[Case]:
-    """Populations of all sizes in every store, in a world of 1,000 landmarks."""
+    """Populations of all sizes in every store, in a world of 300 landmarks."""
     sizes = {
         "lineage": [10, 100, 1000] if quick else [10, 100, 1000, 10_000, 100_000],
         "tree": [10, 100] if quick else [10, 100, 1000, 10_000],
         "dense": [10] if quick else [10, 100, 1000],
     }
-    landmarks = 300 if quick else 1000
-    return [Case(landmarks, m, store, extra_s=200.0) for store, ms in sizes.items() for m in ms]
+    return [Case(300, m, store, extra_s=200.0) for store, ms in sizes.items() for m in ms]
 
 
 def ratio_cases(*, quick: bool) -> list[Case]:

@@ -290,7 +290,8 @@ def _read_run_facts(path: Path) -> dict[str, Any]:
     except json.JSONDecodeError as error:
         raise DataError(f"not JSON: {error.msg}", path, error.lineno) from error
     kinds: dict[str, Any] = {"version": str, "log": str, "filter_seconds": (int, float)}
-    kinds |= {"peak_memory_bytes": int, "map_rows": int, "map_bytes": int, "interrupted": bool, "counts": dict}
+    kinds |= {"peak_memory_bytes": int, "map_rows": int, "map_bytes": int}
+    kinds |= {"interrupted": bool, "counts": dict}
     for name, kind in kinds.items():
         if not isinstance(facts, dict) or not isinstance(facts.get(name), kind):
             raise DataError(f"`{name}` is missing or of the wrong type", path)
