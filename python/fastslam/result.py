@@ -71,6 +71,8 @@ class RunResult:
     peak_memory_bytes: int
     interrupted: bool = False
     """True when the run was stopped early; everything above is then valid up to the last stamp."""
+    map_rows: int = 0
+    """Rows of the store at the end: one per landmark and distinct copy of it among the particles."""
     map_bytes: int = 0
     """What the maps of all particles (the joint covariance of EKF-SLAM) occupy at the end."""
     counts: dict[str, int] = field(default_factory=dict)

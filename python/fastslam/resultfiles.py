@@ -153,6 +153,7 @@ def read_result(folder: Path | str) -> RunResult:
         steps=_read_steps(source / STEPS_FILE),
         filter_seconds=float(facts["filter_seconds"]),
         peak_memory_bytes=facts["peak_memory_bytes"],
+        map_rows=facts["map_rows"],
         map_bytes=facts["map_bytes"],
         interrupted=facts["interrupted"],
         counts=facts["counts"],
@@ -201,6 +202,7 @@ def _run_facts(result: RunResult) -> dict[str, Any]:
         "seed": result.config.get("seed"),
         "filter_seconds": float(result.filter_seconds),
         "peak_memory_bytes": int(result.peak_memory_bytes),
+        "map_rows": int(result.map_rows),
         "map_bytes": int(result.map_bytes),
         "interrupted": bool(result.interrupted),
         "counts": dict(result.counts),
@@ -288,7 +290,8 @@ def _read_run_facts(path: Path) -> dict[str, Any]:
     except json.JSONDecodeError as error:
         raise DataError(f"not JSON: {error.msg}", path, error.lineno) from error
     kinds: dict[str, Any] = {"version": str, "log": str, "filter_seconds": (int, float)}
-    kinds |= {"peak_memory_bytes": int, "map_bytes": int, "interrupted": bool, "counts": dict}
+    kinds |= {"peak_memory_bytes": int, "map_rows": int, "map_bytes": int}
+    kinds |= {"interrupted": bool, "counts": dict}
     for name, kind in kinds.items():
         if not isinstance(facts, dict) or not isinstance(facts.get(name), kind):
             raise DataError(f"`{name}` is missing or of the wrong type", path)

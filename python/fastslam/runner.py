@@ -117,6 +117,7 @@ def _result(columns: dict[str, Any], log: Log, config: Config) -> RunResult:
         filter_seconds=columns["filter_seconds"],
         peak_memory_bytes=peak_memory_bytes(),
         interrupted=columns["interrupted"],
+        map_rows=columns["store_rows"],
         map_bytes=columns["store_bytes"],
         counts=columns["skipped"],
     )

@@ -9,10 +9,15 @@
 use criterion::{criterion_group, criterion_main, BatchSize, BenchmarkId, Criterion, Throughput};
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
+use fastslam_core::geometry::{Pose, Symmetric2};
+use fastslam_core::landmark::{correct, Gaussian, Measured, Tail};
+use fastslam_core::math;
+use fastslam_core::measurement::{MeasurementModel, RangeBearing};
 use fastslam_core::motion::{Motion, PoseColumns, Velocity};
 use fastslam_core::random::{Purpose, RandomSource};
 use fastslam_core::resampling::{resample, ResamplingScheme};
 use fastslam_core::store::StoreKind;
+use fastslam_core::vector::{vectorized_at, Level};
 use std::hint::black_box;
 use std::time::Duration;
 
@@ -141,6 +146,58 @@ fn resampling(c: &mut Criterion) {
     }
 }
 
+/// The correction of one landmark in all maps with each set of vector instructions, and the functions in it beside
+/// those of the system's library.
+fn kernels(c: &mut Criterion) {
+    const M: usize = 256;
+    let mut group = c.benchmark_group("kernels");
+    group.throughput(Throughput::Elements(M as u64));
+    let model = RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 };
+    let measured = Measured { value: [5.0, 0.1], noise: model.noise_covariance(), tail: Tail::Gaussian };
+    let x: Vec<f64> = (0..M).map(|i| 1e-3 * i as f64).collect();
+    for level in Level::available() {
+        group.bench_function(BenchmarkId::new("correction", format!("{level:?}")), |b| {
+            let mut columns = [5.0, 0.5, 0.1, 0.01, 0.1, 0.0].map(|value| vec![value; M]);
+            b.iter(|| {
+                let [mean_x, mean_y, xx, xy, yy, fit] = columns.each_mut().map(|column| &mut column[..M]);
+                let x = &black_box(&x)[..M];
+                vectorized_at(
+                    level,
+                    #[inline(always)]
+                    || {
+                        for i in 0..M {
+                            let covariance = Symmetric2::new(xx[i], xy[i], yy[i]);
+                            let before = Gaussian { mean: [mean_x[i], mean_y[i]], covariance };
+                            let (after, how) = correct(&model, Pose::new(x[i], x[i], x[i]), measured, before);
+                            [mean_x[i], mean_y[i]] = after.mean;
+                            (xx[i], xy[i], yy[i]) = (after.covariance.xx, after.covariance.xy, after.covariance.yy);
+                            fit[i] = how.log_likelihood;
+                        }
+                    },
+                );
+            });
+        });
+        group.bench_function(BenchmarkId::new("atan2 + ln, polynomials", format!("{level:?}")), |b| {
+            let mut out = vec![0.0; M];
+            b.iter(|| {
+                let (x, out) = (&black_box(&x)[..M], &mut out[..M]);
+                vectorized_at(
+                    level,
+                    #[inline(always)]
+                    || (0..M).for_each(|i| out[i] = math::atan2(x[i], 2.0) + math::ln(1.0 + x[i])),
+                );
+            });
+        });
+    }
+    group.bench_function("atan2 + ln, system library", |b| {
+        let mut out = vec![0.0; M];
+        b.iter(|| {
+            let (x, out) = (&black_box(&x)[..M], &mut out[..M]);
+            (0..M).for_each(|i| out[i] = x[i].atan2(2.0) + (1.0 + x[i]).ln());
+        });
+    });
+}
+
 fn short() -> Criterion {
     Criterion::default()
         .sample_size(10)
@@ -148,5 +205,5 @@ fn short() -> Criterion {
         .measurement_time(Duration::from_millis(300))
 }
 
-criterion_group! { name = stages; config = short(); targets = motion_sampling, resampling, steps }
+criterion_group! { name = stages; config = short(); targets = kernels, motion_sampling, resampling, steps }
 criterion_main!(stages);

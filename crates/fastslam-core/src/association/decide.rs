@@ -5,6 +5,7 @@ use crate::geometry::{Matrix3, Pose, Symmetric2};
 use crate::landmark::{column, fit_with_tail, innovation_covariance, Fit, Gaussian, Measured, Tail, LN_TAU};
 use crate::math;
 use crate::measurement::MeasurementModel;
+use crate::store::Rows;
 
 /// What a particle decides about a sighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,11 +60,28 @@ impl CandidateTable {
         self.values[(candidate as usize * self.columns + column) * self.particles + particle]
     }
 
+    /// The rows of a candidate.
+    pub fn rows(&self, candidate: u32) -> Rows<'_> {
+        let size = self.columns * self.particles;
+        Rows::new(&self.values[candidate as usize * size..][..size], self.particles)
+    }
+
+    /// Whether one particle's map has the landmark.
+    #[inline(always)]
+    fn holds(&self, candidate: u32, particle: usize) -> bool {
+        self.value(candidate, column::SIGHTINGS, particle) != 0.0
+    }
+
     /// The landmark in one particle's map, if it is there.
     #[inline(always)]
     pub fn gaussian(&self, candidate: u32, particle: usize) -> Option<Gaussian> {
-        let at = |column| self.value(candidate, column, particle);
-        (at(column::SIGHTINGS) != 0.0).then(|| Gaussian {
+        if !self.holds(candidate, particle) {
+            return None;
+        }
+        let size = self.columns * self.particles;
+        let values = &self.values[candidate as usize * size..][..size];
+        let at = |column: usize| values[column * self.particles + particle];
+        Some(Gaussian {
             mean: [at(column::MEAN_X), at(column::MEAN_Y)],
             covariance: Symmetric2::new(at(column::COV_XX), at(column::COV_XY), at(column::COV_YY)),
         })
@@ -77,6 +95,55 @@ impl CandidateTable {
             0.0
         }
     }
+}
+
+/// How well every candidate of every sighting fits in every map, with the beliefs before the scan.
+///
+/// **Why:** worked out for all particles in passes of vector code, before the particles decide one by one.
+#[derive(Clone, Debug, Default)]
+pub struct FitTable {
+    /// Per sighting, the first of its pairs with a candidate.
+    first_pair: Vec<usize>,
+    /// Log-likelihoods, then squared Mahalanobis distances, of all particles; per pair.
+    values: Vec<f64>,
+    particles: usize,
+}
+
+impl FitTable {
+    /// Lays out the pairs of the table and lets `fill` write each: the sighting, the candidate, and the columns of
+    /// log-likelihoods and squared distances. Where a map lacks the candidate, what is written does not count.
+    pub fn fill(&mut self, table: &CandidateTable, mut fill: impl FnMut(usize, u32, &mut [f64], &mut [f64])) {
+        self.particles = table.particles;
+        self.first_pair.clear();
+        let mut pairs = 0;
+        for candidates in &table.of_sighting {
+            self.first_pair.push(pairs);
+            pairs += candidates.len();
+        }
+        self.values.resize(2 * self.particles * pairs, 0.0);
+        let mut columns = self.values.chunks_exact_mut(2 * self.particles.max(1));
+        for (j, candidates) in table.of_sighting.iter().enumerate() {
+            for (candidate, columns) in candidates.iter().zip(&mut columns) {
+                let (log_likelihood, mahalanobis_squared) = columns.split_at_mut(self.particles);
+                fill(j, *candidate, log_likelihood, mahalanobis_squared);
+            }
+        }
+    }
+
+    /// The fit of the candidate that stands at `place` among those of a sighting.
+    #[inline(always)]
+    fn get(&self, sighting: usize, place: usize, particle: usize) -> Fit {
+        let at = 2 * self.particles * (self.first_pair[sighting] + place) + particle;
+        Fit { log_likelihood: self.values[at], mahalanobis_squared: self.values[at + self.particles] }
+    }
+}
+
+/// What deciding about a scan needs to remember; kept from particle to particle.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    used: Vec<u32>,
+    order: Vec<usize>,
+    margins: Vec<f64>,
 }
 
 /// The rules of association with their thresholds worked out.
@@ -179,6 +246,18 @@ impl Belief {
         fit_with_tail(view.innovation, Self::total_covariance(&cross, view), view.tail)
     }
 
+    /// How well a sighting of a landmark fits.
+    #[inline(always)]
+    pub fn fit<M: MeasurementModel>(
+        &self,
+        model: &M,
+        T_robot_sensor: Pose,
+        landmark: &Gaussian,
+        measured: &Measured,
+    ) -> Fit {
+        self.judge(&self.view(model, self.mean.compose(T_robot_sensor), landmark, measured))
+    }
+
     /// The belief after a sighting of a landmark, and how well it fitted.
     ///
     /// **Source:** `montemerlo2003fastslam`, eqs. 9–15, in gain form, which holds for a singular P: K = P G_sᵀ L⁻¹,
@@ -248,8 +327,9 @@ struct Choice {
 pub trait Hypothesis {
     /// Whether the pose is known, so that no sighting can refine it.
     fn pose_is_certain(&self) -> bool;
-    /// How well a sighting fits a candidate; `None` where the map lacks it.
-    fn fit(&self, candidate: u32, measured: &Measured) -> Option<Fit>;
+    /// How well a sighting fits a candidate; `None` where the map lacks it. `pair` is the number of the sighting and the
+    /// place of the candidate among those of the sighting.
+    fn fit(&self, pair: [usize; 2], candidate: u32, measured: &Measured) -> Option<Fit>;
     /// Identity that a candidate was seen with, plus one; 0 for none.
     fn identity_mark(&self, candidate: u32) -> f64;
     /// Takes a sighting for one of a candidate: the belief is refined by it.
@@ -257,13 +337,21 @@ pub trait Hypothesis {
 }
 
 /// A particle and the candidates in its map.
-struct ParticleHypothesis<'a, M> {
-    model: &'a M,
-    T_robot_sensor: Pose,
-    T_world_sensor: Pose,
-    table: &'a CandidateTable,
-    particle: usize,
-    belief: &'a mut Belief,
+pub struct ParticleHypothesis<'a, M> {
+    /// How the sensor measures.
+    pub model: &'a M,
+    /// Where the sensor is on the robot.
+    pub T_robot_sensor: Pose,
+    /// What may have been sighted.
+    pub table: &'a CandidateTable,
+    /// How well it fits, with the belief before the scan.
+    pub fits: &'a FitTable,
+    /// Which particle.
+    pub particle: usize,
+    /// What it believes before the scan.
+    pub belief: Belief,
+    /// What it believes once a sighting refined that, with the pose of the sensor.
+    pub refined: Option<(Belief, Pose)>,
 }
 
 impl<M: MeasurementModel> Hypothesis for ParticleHypothesis<'_, M> {
@@ -272,39 +360,31 @@ impl<M: MeasurementModel> Hypothesis for ParticleHypothesis<'_, M> {
     }
 
     #[inline(always)]
-    fn fit(&self, candidate: u32, measured: &Measured) -> Option<Fit> {
-        let landmark = self.table.gaussian(candidate, self.particle)?;
-        Some(self.belief.judge(&self.belief.view(self.model, self.T_world_sensor, &landmark, measured)))
+    fn fit(&self, [sighting, place]: [usize; 2], candidate: u32, measured: &Measured) -> Option<Fit> {
+        match &self.refined {
+            None => self.table.holds(candidate, self.particle).then(|| self.fits.get(sighting, place, self.particle)),
+            Some((belief, T_world_sensor)) => {
+                let landmark = self.table.gaussian(candidate, self.particle)?;
+                Some(belief.judge(&belief.view(self.model, *T_world_sensor, &landmark, measured)))
+            }
+        }
     }
 
+    #[inline(always)]
     fn identity_mark(&self, candidate: u32) -> f64 {
         self.table.identity_mark(candidate, self.particle)
     }
 
     fn accept(&mut self, candidate: u32, sighting: &ScanSighting) {
+        if self.pose_is_certain() {
+            return;
+        }
         if let Some(landmark) = self.table.gaussian(candidate, self.particle) {
-            self.belief.refine(self.model, self.T_robot_sensor, &landmark, &sighting.measured);
-            self.T_world_sensor = self.belief.mean.compose(self.T_robot_sensor);
+            let mut belief = self.refined.map_or(self.belief, |(belief, _)| belief);
+            belief.refine(self.model, self.T_robot_sensor, &landmark, &sighting.measured);
+            self.refined = Some((belief, belief.mean.compose(self.T_robot_sensor)));
         }
     }
-}
-
-/// Decides about every sighting of a scan for one particle, refining its belief, and returns the increment of its
-/// log-weight. Densities include the pose's uncertainty (L in place of Q), which is zero in FastSLAM 1.0.
-#[allow(clippy::too_many_arguments)] // One call site; a struct would only rename the arguments.
-pub fn associate<M: MeasurementModel>(
-    model: &M,
-    T_robot_sensor: Pose,
-    rules: &Rules,
-    scan: &[ScanSighting],
-    table: &CandidateTable,
-    particle: usize,
-    belief: &mut Belief,
-    decisions: &mut [Decision],
-) -> f64 {
-    let T_world_sensor = belief.mean.compose(T_robot_sensor);
-    let mut hypothesis = ParticleHypothesis { model, T_robot_sensor, T_world_sensor, table, particle, belief };
-    decide(rules, scan, &table.of_sighting, &mut hypothesis, decisions)
 }
 
 /// Decides about every sighting of a scan for one hypothesis and returns its log-likelihood, tempered.
@@ -316,12 +396,15 @@ pub fn decide<H: Hypothesis>(
     scan: &[ScanSighting],
     of_sighting: &[Vec<u32>],
     hypothesis: &mut H,
+    scratch: &mut Scratch,
     decisions: &mut [Decision],
 ) -> f64 {
-    let mut used: Vec<u32> = Vec::with_capacity(scan.len());
     let mut log_weight = 0.0;
-    for index in order_of_decisions(rules, scan, of_sighting, hypothesis) {
-        let choice = best_choice(rules, &scan[index], &of_sighting[index], hypothesis, &used);
+    order_decisions(rules, scan, of_sighting, hypothesis, scratch);
+    let Scratch { used, order, .. } = scratch;
+    used.clear();
+    for &mut index in order {
+        let choice = best_choice(rules, (index, &scan[index]), &of_sighting[index], hypothesis, used);
         let (decision, log_density) = match choice.best {
             Some((candidate, fit)) if choice.certain => (Decision::Landmark(candidate), fit.log_likelihood),
             Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
@@ -351,26 +434,31 @@ pub fn decide<H: Hypothesis>(
 /// **Why:** a sure sighting refines the pose, and the smaller uncertainty then decides the doubtful ones. The order is
 /// that of the belief before the scan; judging it anew after every decision costs the square of the sightings and gains
 /// nothing that the logs show.
-fn order_of_decisions<H: Hypothesis>(
+fn order_decisions<H: Hypothesis>(
     rules: &Rules,
     scan: &[ScanSighting],
     of_sighting: &[Vec<u32>],
     hypothesis: &H,
-) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..scan.len()).collect();
+    scratch: &mut Scratch,
+) {
+    let Scratch { order, margins, .. } = scratch;
+    order.clear();
+    order.extend(0..scan.len());
     if rules.order == AssociationOrder::LeastAmbiguousFirst && !hypothesis.pose_is_certain() {
-        let margin = |j: &usize| best_choice(rules, &scan[*j], &of_sighting[*j], hypothesis, &[]).margin;
-        let margins: Vec<f64> = order.iter().map(margin).collect();
+        let margin = |j: &usize| best_choice(rules, (*j, &scan[*j]), &of_sighting[*j], hypothesis, &[]).margin;
+        margins.clear();
+        margins.extend(order.iter().map(margin));
         order.sort_by(|a, b| margins[*b].total_cmp(&margins[*a]));
     }
-    order.sort_by_key(|j| scan[*j].identity.is_none());
-    order
+    if scan.iter().any(|sighting| sighting.identity.is_some()) {
+        order.sort_by_key(|j| scan[*j].identity.is_none());
+    }
 }
 
 /// The likeliest landmark of a sighting under one hypothesis. Ties go to the older landmark.
 fn best_choice<H: Hypothesis>(
     rules: &Rules,
-    sighting: &ScanSighting,
+    (index, sighting): (usize, &ScanSighting),
     candidates: &[u32],
     hypothesis: &H,
     used: &[u32],
@@ -378,13 +466,13 @@ fn best_choice<H: Hypothesis>(
     let wanted = sighting.identity.map(|identity| f64::from(identity) + 1.0);
     let mut best: Option<(u32, Fit)> = None;
     let mut second = rules.log_new_density;
-    for &candidate in candidates {
+    for (place, &candidate) in candidates.iter().enumerate() {
         if used.contains(&candidate) {
             continue;
         }
-        let Some(fit) = hypothesis.fit(candidate, &sighting.measured) else { continue };
-        let mark = hypothesis.identity_mark(candidate);
+        let Some(fit) = hypothesis.fit([index, place], candidate, &sighting.measured) else { continue };
         if let Some(wanted) = wanted {
+            let mark = hypothesis.identity_mark(candidate);
             if mark == wanted {
                 return Choice { best: Some((candidate, fit)), margin: f64::INFINITY, certain: true };
             }

@@ -4,5 +4,7 @@ mod decide;
 mod grid;
 
 pub(crate) use decide::by_robot_pose;
-pub use decide::{associate, decide, Belief, CandidateTable, Decision, Hypothesis, Rules, ScanSighting};
+pub use decide::{
+    decide, Belief, CandidateTable, Decision, FitTable, Hypothesis, ParticleHypothesis, Rules, ScanSighting, Scratch,
+};
 pub use grid::{Box2, Grid};

@@ -1,7 +1,7 @@
 //! Steps in which the filter decides which landmark a sighting shows.
 
 use super::EkfSlam;
-use crate::association::{decide, Decision, Hypothesis, ScanSighting};
+use crate::association::{decide, Decision, Hypothesis, ScanSighting, Scratch};
 use crate::error::Result;
 use crate::filter::StepInfo;
 use crate::landmark::{fit_with_tail, Fit, Measured};
@@ -18,7 +18,7 @@ impl<M: MeasurementModel> Hypothesis for JointHypothesis<'_, M> {
         false
     }
 
-    fn fit(&self, candidate: u32, measured: &Measured) -> Option<Fit> {
+    fn fit(&self, _pair: [usize; 2], candidate: u32, measured: &Measured) -> Option<Fit> {
         let view = self.filter.view(candidate, measured);
         Some(fit_with_tail(view.innovation, view.s, measured.tail))
     }
@@ -45,7 +45,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let rules = self.rules;
         let mut decisions = vec![Decision::Ignored; scan.len()];
         let mut hypothesis = JointHypothesis { filter: self, failure: Ok(()) };
-        info.log_likelihood += decide(&rules, scan, &of_sighting, &mut hypothesis, &mut decisions);
+        info.log_likelihood +=
+            decide(&rules, scan, &of_sighting, &mut hypothesis, &mut Scratch::default(), &mut decisions);
         hypothesis.failure?;
         info.ignored += decisions.iter().filter(|d| **d == Decision::Ignored).count() as u32;
         Ok(scan.iter().zip(&decisions).filter(|(_, d)| **d == Decision::New).map(|(s, _)| s).collect())

@@ -1,7 +1,7 @@
 //! What all particles believe about the robot's pose while they look at a scan, as columns.
 
 use super::particles::{mixture, PoseEstimate};
-use crate::association::Belief;
+use crate::association::{Belief, Box2};
 use crate::geometry::Pose;
 use crate::geometry::Symmetric2;
 use crate::landmark::{column, Gaussian, Measured};
@@ -30,7 +30,9 @@ impl Beliefs {
     /// The belief of one particle.
     #[inline(always)]
     pub fn get(&self, i: usize) -> Belief {
-        let [x, y, heading, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(|c| c[i]);
+        let [x, y, heading, xx, xy, xh, yy, yh, hh] = &self.columns;
+        let (x, y, heading, xx, xy) = (x[i], y[i], heading[i], xx[i], xy[i]);
+        let (xh, yy, yh, hh) = (xh[i], yy[i], yh[i], hh[i]);
         Belief { mean: Pose::new(x, y, heading), covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
     }
 
@@ -128,6 +130,76 @@ impl Beliefs {
         );
     }
 
+    /// How well a sighting of a landmark fits in every map, as columns of log-likelihoods and squared Mahalanobis
+    /// distances. Where a map lacks the landmark, what is written does not count.
+    pub fn fit<M: MeasurementModel>(
+        &self,
+        model: &M,
+        T_robot_sensor: Pose,
+        measured: &Measured,
+        rows: &Rows<'_>,
+        [log_likelihood, mahalanobis_squared]: [&mut [f64]; 2],
+    ) {
+        let n = log_likelihood.len();
+        let row = |c: usize| &rows.column(c)[..n];
+        let (x, y) = (row(column::MEAN_X), row(column::MEAN_Y));
+        let (cov_xx, cov_xy, cov_yy) = (row(column::COV_XX), row(column::COV_XY), row(column::COV_YY));
+        let mahalanobis_squared = &mut mahalanobis_squared[..n];
+        let [px, py, ph, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(Vec::as_slice);
+        let (px, py, ph) = (&px[..n], &py[..n], &ph[..n]);
+        let (xx, xy, xh, yy, yh, hh) = (&xx[..n], &xy[..n], &xh[..n], &yy[..n], &yh[..n], &hh[..n]);
+        vectorized(
+            #[inline(always)]
+            || {
+                for i in 0..n {
+                    let belief = Belief {
+                        mean: Pose::new(px[i], py[i], ph[i]),
+                        covariance: [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]],
+                    };
+                    let landmark =
+                        Gaussian { mean: [x[i], y[i]], covariance: Symmetric2::new(cov_xx[i], cov_xy[i], cov_yy[i]) };
+                    let fit = belief.fit(model, T_robot_sensor, &landmark, measured);
+                    log_likelihood[i] = fit.log_likelihood;
+                    mahalanobis_squared[i] = fit.mahalanobis_squared;
+                }
+            },
+        );
+    }
+
+    /// A box around the places where a sighted landmark can be in any map.
+    ///
+    /// `reach` is in standard deviations; `lever_arm_m` is how far the sensor stands from the robot's origin.
+    pub fn region_of<M: MeasurementModel>(
+        &self,
+        model: &M,
+        T_robot_sensor: Pose,
+        measured: &Measured,
+        [reach, lever_arm_m]: [f64; 2],
+    ) -> Box2 {
+        let range = model.range(measured.value);
+        let noise = model.position_variance(measured.value, measured.noise);
+        let lever = (range + lever_arm_m) * (range + lever_arm_m);
+        let n = self.len();
+        let [px, py, ph, xx, _, _, yy, _, hh] = self.columns.each_ref().map(Vec::as_slice);
+        let (px, py, ph, xx, yy, hh) = (&px[..n], &py[..n], &ph[..n], &xx[..n], &yy[..n], &hh[..n]);
+        vectorized(
+            #[inline(always)]
+            || {
+                Box2::around(
+                    n,
+                    #[inline(always)]
+                    |i| {
+                        let sensor = Pose::new(px[i], py[i], ph[i]).compose(T_robot_sensor);
+                        let [x, y] = model.inverse(sensor, measured.value);
+                        // The trace bounds the largest eigenvalue of the sighting's covariance in the plane.
+                        let margin = reach * (2.0 * (xx[i] + yy[i] + lever * hh[i] + noise)).sqrt();
+                        ([x - margin, y - margin], [x + margin, y + margin])
+                    },
+                )
+            },
+        )
+    }
+
     /// Draws a pose from every particle's belief; the covariance may be singular.
     pub fn sample(&self, stream: Stream, x: &mut [f64], y: &mut [f64], heading: &mut [f64]) {
         let n = x.len();
@@ -161,10 +233,14 @@ impl Beliefs {
         vectorized(
             #[inline(always)]
             || {
-                mixture(weights, |i| {
-                    let covariance = [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]];
-                    (Pose::new(px[i], py[i], ph[i]), covariance)
-                })
+                mixture(
+                    weights,
+                    #[inline(always)]
+                    |i| {
+                        let covariance = [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]];
+                        (Pose::new(px[i], py[i], ph[i]), covariance)
+                    },
+                )
             },
         )
     }

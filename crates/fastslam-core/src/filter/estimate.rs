@@ -37,7 +37,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         let (x, y, heading) = (&x[..n], &y[..n], &heading[..n]);
         self.estimate = vectorized(
             #[inline(always)]
-            || mixture(weights, |i| (Pose::new(x[i], y[i], heading[i]), [[0.0; 3]; 3])),
+            || {
+                mixture(
+                    weights,
+                    #[inline(always)]
+                    |i| (Pose::new(x[i], y[i], heading[i]), [[0.0; 3]; 3]),
+                )
+            },
         );
     }
 

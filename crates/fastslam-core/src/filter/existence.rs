@@ -9,6 +9,7 @@ use crate::config::Removal;
 use crate::landmark::column;
 use crate::math;
 use crate::measurement::MeasurementModel;
+use crate::vector::vectorized;
 
 /// Columns of the existence store: whether the row counts, and the log-odds.
 pub(super) const COLUMNS: usize = 2;
@@ -35,7 +36,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         in_reach.extend_from_slice(&table.slots);
         in_reach.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
         in_reach.dedup();
-        let share = decisions.len() / self.particles.len();
+        let sighted = sighted_candidates(decisions, table);
         let mut verdicts = vec![Verdict::Unseen; self.particles.len()];
         for slot in in_reach {
             // Candidates that nobody holds any more are gone; they have no birth.
@@ -44,9 +45,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
             self.find_in_view(slot, &mut verdicts);
             if let Some(candidate) = table.slots.iter().position(|s| *s == slot) {
-                let sighted = Decision::Landmark(candidate as u32);
-                for (verdict, mine) in verdicts.iter_mut().zip(decisions.chunks_exact(share)) {
-                    if mine.contains(&sighted) {
+                let sighted = &sighted[candidate * table.particles..][..table.particles];
+                for (verdict, sighted) in verdicts.iter_mut().zip(sighted) {
+                    if *sighted {
                         *verdict = Verdict::Sighted;
                     }
                 }
@@ -75,14 +76,24 @@ impl<M: MeasurementModel> FastSlam<M> {
         let half_view = 0.5 * settings.view_fraction * self.config.sensor.field_of_view_rad;
         let rows = self.landmarks.read(slot);
         let (count, x, y) = (rows.column(column::SIGHTINGS), rows.column(column::MEAN_X), rows.column(column::MEAN_Y));
-        for (i, verdict) in verdicts.iter_mut().enumerate() {
-            let sensor = self.sensor_poses.get(i);
-            let (dx, dy) = (x[i] - sensor.x, y[i] - sensor.y);
-            let range_squared = dx * dx + dy * dy;
-            let reachable = count[i] != 0.0 && range_squared < reach * reach && range_squared > near * near;
-            let seen = reachable && math::wrap_angle(math::atan2(dy, dx) - sensor.heading).abs() < half_view;
-            *verdict = if seen { Verdict::Missed } else { Verdict::Unseen };
-        }
+        let n = verdicts.len();
+        let poses = &self.sensor_poses;
+        let (count, x, y) = (&count[..n], &x[..n], &y[..n]);
+        let (sensor_x, sensor_y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
+        vectorized(
+            #[inline(always)]
+            || {
+                for i in 0..n {
+                    let (dx, dy) = (x[i] - sensor_x[i], y[i] - sensor_y[i]);
+                    let range_squared = dx * dx + dy * dy;
+                    // No branches: the loop must stay a straight line to become vector code.
+                    let reachable = (count[i] != 0.0) & (range_squared < reach * reach) & (range_squared > near * near);
+                    let bearing = math::wrap_angle(math::atan2(dy, dx) - heading[i]);
+                    let seen = reachable & (bearing.abs() < half_view);
+                    verdicts[i] = if seen { Verdict::Missed } else { Verdict::Unseen };
+                }
+            },
+        );
     }
 
     /// Counts one scan for a landmark in every map and removes it from those in which it no longer exists. Returns
@@ -122,6 +133,20 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         u32::from(dead[self.particles.best()])
     }
+}
+
+/// Whether a particle took some sighting for a candidate: one entry per particle, for each candidate in turn.
+fn sighted_candidates(decisions: &[Decision], table: &CandidateTable) -> Vec<bool> {
+    let mut sighted = vec![false; table.slots.len() * table.particles];
+    let share = decisions.len() / table.particles;
+    for (i, mine) in decisions.chunks_exact(share).enumerate() {
+        for decision in mine {
+            if let Decision::Landmark(candidate) = decision {
+                sighted[*candidate as usize * table.particles + i] = true;
+            }
+        }
+    }
+    sighted
 }
 
 /// What a scan says about a landmark in one map.

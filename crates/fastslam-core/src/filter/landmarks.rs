@@ -5,6 +5,7 @@ use crate::association::{Box2, Grid};
 use crate::config::AssociationMode;
 use crate::landmark::column;
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreKind, StoreUsage};
+use crate::vector::vectorized;
 use rustc_hash::FxHashMap;
 
 /// A landmark hypothesis, shared by the particles that created it from one sighting.
@@ -208,16 +209,33 @@ fn position<'a>(rows: &Rows<'a>) -> [&'a [f64]; 4] {
 /// largest eigenvalue).
 fn place(grid: &mut Option<Grid>, slot: u32, count: &[f64], [x, y, xx, yy]: &[&[f64]; 4], gate_radius: f64) {
     let Some(grid) = grid else { return };
-    let mut area = Box2::EMPTY;
-    let mut widest = 0.0_f64;
-    for i in (0..count.len()).filter(|i| count[*i] != 0.0) {
-        area.include([x[i], y[i]], 0.0);
-        widest = widest.max(xx[i] + yy[i]);
-    }
+    let n = count.len();
+    let (x, y, xx, yy) = (&x[..n], &y[..n], &xx[..n], &yy[..n]);
+    let (area, traces) = vectorized(
+        #[inline(always)]
+        || {
+            // Absent rows get a box that no minimum or maximum notices.
+            let absent = (Box2::EMPTY.low, Box2::EMPTY.high);
+            let area = Box2::around(
+                n,
+                #[inline(always)]
+                |i| if count[i] != 0.0 { ([x[i], y[i]], [x[i], y[i]]) } else { absent },
+            );
+            let trace = |i: usize| if count[i] != 0.0 { xx[i] + yy[i] } else { 0.0 };
+            (
+                area,
+                Box2::around(
+                    n,
+                    #[inline(always)]
+                    |i| ([0.0; 2], [trace(i), 0.0]),
+                ),
+            )
+        },
+    );
     if area == Box2::EMPTY {
         grid.remove(slot);
         return;
     }
-    let margin = gate_radius * widest.sqrt();
+    let margin = gate_radius * traces.high[0].max(0.0).sqrt();
     grid.set(slot, Box2 { low: area.low.map(|v| v - margin), high: area.high.map(|v| v + margin) });
 }

@@ -14,7 +14,7 @@ pub use landmarks::Identities;
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
-use crate::association::Rules;
+use crate::association::{CandidateTable, FitTable, Rules};
 use crate::config::{Algorithm, Config};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
@@ -125,6 +125,10 @@ pub struct FastSlam<M = RangeBearing> {
     ancestor_indices: Vec<u32>,
     sensor_poses: SensorPoses,
     beliefs: Beliefs,
+    /// Landmarks that the last scan may have shown; kept for its memory.
+    table: CandidateTable,
+    /// How well the candidates of the scan fit.
+    fits: FitTable,
     /// Of the step's sightings, per particle.
     log_likelihood: Vec<f64>,
     estimate: PoseEstimate,
@@ -173,6 +177,8 @@ impl<M: MeasurementModel> FastSlam<M> {
             ancestor_indices: Vec::with_capacity(particles),
             sensor_poses: SensorPoses::default(),
             beliefs: Beliefs::default(),
+            table: CandidateTable::default(),
+            fits: FitTable::default(),
             log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             scratch: Vec::new(),

@@ -93,19 +93,65 @@ pub struct PoseEstimate {
 #[inline(always)]
 pub fn mixture(weights: &[f64], component: impl Fn(usize) -> (Pose, Matrix3)) -> PoseEstimate {
     let n = weights.len();
-    let (x, y) = (sum(n, |i| weights[i] * component(i).0.x), sum(n, |i| weights[i] * component(i).0.y));
-    let sine = sum(n, |i| weights[i] * math::sin_cos(component(i).0.heading).0);
-    let cosine = sum(n, |i| weights[i] * math::sin_cos(component(i).0.heading).1);
+    let x = sum(
+        n,
+        #[inline(always)]
+        |i| weights[i] * component(i).0.x,
+    );
+    let y = sum(
+        n,
+        #[inline(always)]
+        |i| weights[i] * component(i).0.y,
+    );
+    let sine = sum(
+        n,
+        #[inline(always)]
+        |i| weights[i] * math::sin_cos(component(i).0.heading).0,
+    );
+    let cosine = sum(
+        n,
+        #[inline(always)]
+        |i| weights[i] * math::sin_cos(component(i).0.heading).1,
+    );
     let mean = Pose::new(x, y, math::atan2(sine, cosine));
-    let term = |i: usize, row: usize, col: usize| {
-        let (pose, within) = component(i);
-        let d = [pose.x - x, pose.y - y, math::wrap_angle(pose.heading - mean.heading)];
-        weights[i] * (within[row][col] + d[row] * d[col])
-    };
-    let [xx, xy, xh] = [0, 1, 2].map(|col| sum(n, |i| term(i, 0, col)));
-    let [yy, yh] = [1, 2].map(|col| sum(n, |i| term(i, 1, col)));
-    let hh = sum(n, |i| term(i, 2, 2));
+    let xx = sum(
+        n,
+        #[inline(always)]
+        |i| spread(weights[i], &component(i), &mean, [0, 0]),
+    );
+    let xy = sum(
+        n,
+        #[inline(always)]
+        |i| spread(weights[i], &component(i), &mean, [0, 1]),
+    );
+    let xh = sum(
+        n,
+        #[inline(always)]
+        |i| spread(weights[i], &component(i), &mean, [0, 2]),
+    );
+    let yy = sum(
+        n,
+        #[inline(always)]
+        |i| spread(weights[i], &component(i), &mean, [1, 1]),
+    );
+    let yh = sum(
+        n,
+        #[inline(always)]
+        |i| spread(weights[i], &component(i), &mean, [1, 2]),
+    );
+    let hh = sum(
+        n,
+        #[inline(always)]
+        |i| spread(weights[i], &component(i), &mean, [2, 2]),
+    );
     PoseEstimate { mean, covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
+}
+
+/// What one Gaussian adds to an entry (row, column) of the covariance of a mixture.
+#[inline(always)]
+fn spread(weight: f64, (pose, within): &(Pose, Matrix3), mean: &Pose, [row, col]: [usize; 2]) -> f64 {
+    let d = [pose.x - mean.x, pose.y - mean.y, math::wrap_angle(pose.heading - mean.heading)];
+    weight * (within[row][col] + d[row] * d[col])
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Steps in which particles decide which landmark a sighting shows.
 
 use super::{FastSlam, Particles, StepInfo};
-use crate::association::{associate, Belief, Box2, CandidateTable, Decision};
+use crate::association::{decide, Belief, CandidateTable, Decision, ParticleHypothesis, Scratch};
 use crate::config::Algorithm;
 use crate::error::Result;
 use crate::landmark::{column, correct_rows, first_rows};
@@ -19,33 +19,46 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// poses are samples already, and the beliefs about them have no spread.
     pub(super) fn step_associating(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> Result<()> {
         self.believe();
-        let table = self.candidates(scan);
+        let mut table = std::mem::take(&mut self.table);
+        self.find_candidates(scan, &mut table);
         let mut decisions = self.decide(scan, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.landmarks.births();
         for (j, sighting) in scan.iter().enumerate() {
             let decided: Vec<Decision> = decisions.iter().skip(j).step_by(scan.len()).copied().collect();
-            self.correct_decided(sighting, &decided, &table, info);
+            self.correct_decided((j, sighting), &decided, &table, info);
         }
         if self.removes_landmarks() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
         }
+        self.table = table;
         Ok(())
     }
 
     /// Every particle's decisions (an equal share each), with its belief refined and its weight changed by them.
     fn decide(&mut self, scan: &[ScanSighting], table: &CandidateTable) -> Vec<Decision> {
         let mut decisions = vec![Decision::Ignored; self.particles.len() * scan.len()];
-        let (model, beliefs, rules, mounting) = (&self.model, &self.beliefs, &self.rules, self.T_robot_sensor);
-        let one = |(i, mine): (usize, &mut [Decision])| {
-            let mut belief = beliefs.get(i);
-            let increment = associate(model, mounting, rules, scan, table, i, &mut belief, mine);
-            (belief, increment)
+        let (model, beliefs, T_robot_sensor) = (&self.model, &self.beliefs, self.T_robot_sensor);
+        self.fits.fill(table, |j, candidate, log_likelihood, distance| {
+            let columns = [log_likelihood, distance];
+            beliefs.fit(model, T_robot_sensor, &scan[j].measured, &table.rows(candidate), columns);
+        });
+        let (rules, fits) = (&self.rules, &self.fits);
+        let one = |scratch: &mut Scratch, (i, mine): (usize, &mut [Decision])| {
+            let belief = beliefs.get(i);
+            let mut particle =
+                ParticleHypothesis { model, T_robot_sensor, table, fits, particle: i, belief, refined: None };
+            let increment = decide(rules, scan, &table.of_sighting, &mut particle, scratch, mine);
+            (particle.refined.map_or(belief, |(belief, _)| belief), increment)
         };
         let share = scan.len().max(1);
         let outcomes: Vec<(Belief, f64)> = match &self.workers {
-            Some(workers) => workers.install(|| decisions.par_chunks_mut(share).enumerate().map(one).collect()),
-            None => decisions.chunks_mut(share).enumerate().map(one).collect(),
+            Some(workers) => workers
+                .install(|| decisions.par_chunks_mut(share).enumerate().map_init(Scratch::default, one).collect()),
+            None => {
+                let mut scratch = Scratch::default();
+                decisions.chunks_mut(share).enumerate().map(|share| one(&mut scratch, share)).collect()
+            }
         };
         for (i, (belief, increment)) in outcomes.into_iter().enumerate() {
             self.beliefs.set(i, &belief);
@@ -104,12 +117,13 @@ impl<M: MeasurementModel> FastSlam<M> {
     }
 
     /// The landmarks that some particle might see in each sighting, with their rows.
-    fn candidates(&mut self, scan: &[ScanSighting]) -> CandidateTable {
+    fn find_candidates(&mut self, scan: &[ScanSighting], table: &mut CandidateTable) {
         let of_sighting: Vec<Vec<u32>> = scan
             .iter()
             .map(|sighting| {
                 let mut slots = Vec::new();
-                let region = self.region_of(sighting);
+                let reach = [self.gate_radius, self.lever_arm_m];
+                let region = self.beliefs.region_of(&self.model, self.T_robot_sensor, &sighting.measured, reach);
                 self.landmarks.find(&region, &mut slots);
                 if let Some(identity) = sighting.identity {
                     slots.extend_from_slice(self.landmarks.of_identity(identity));
@@ -120,8 +134,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         let mut slots: Vec<u32> = of_sighting.concat();
         slots.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
         slots.dedup();
-        let mut table =
-            CandidateTable { particles: self.particles.len(), columns: self.landmarks.columns(), ..Default::default() };
+        (table.particles, table.columns) = (self.particles.len(), self.landmarks.columns());
+        table.slots.clear();
+        table.values.clear();
         for slot in slots {
             if self.landmarks.holders(slot) == 0 {
                 self.landmarks.remove(slot);
@@ -141,43 +156,22 @@ impl<M: MeasurementModel> FastSlam<M> {
                 found
             })
             .collect();
-        table
-    }
-
-    /// Where a sighted landmark can be, for any particle.
-    fn region_of(&self, sighting: &ScanSighting) -> Box2 {
-        let gate_radius = self.gate_radius;
-        let range = self.model.range(sighting.measured.value);
-        let noise = self.model.position_variance(sighting.measured.value, sighting.measured.noise);
-        let mut region = Box2::EMPTY;
-        for i in 0..self.beliefs.len() {
-            let belief = self.beliefs.get(i);
-            let p = &belief.covariance;
-            let sensor = belief.mean.compose(self.T_robot_sensor);
-            let point = self.model.inverse(sensor, sighting.measured.value);
-            let lever = (range + self.lever_arm_m) * (range + self.lever_arm_m);
-            // The trace bounds the largest eigenvalue of the sighting's covariance in the plane.
-            let variance = p[0][0] + p[1][1] + lever * p[2][2] + noise;
-            region.include(point, gate_radius * (2.0 * variance).sqrt());
-        }
-        region
     }
 
     /// Corrects, creates or leaves landmarks as every particle decided about one sighting.
     fn correct_decided(
         &mut self,
-        sighting: &ScanSighting,
+        (j, sighting): (usize, &ScanSighting),
         decided: &[Decision],
         table: &CandidateTable,
         info: &mut StepInfo,
     ) {
-        let mut chosen: Vec<u32> =
-            decided.iter().filter_map(|d| if let Decision::Landmark(c) = d { Some(*c) } else { None }).collect();
-        chosen.sort_unstable();
-        chosen.dedup();
         let mark = sighting.identity.map(|identity| f64::from(identity) + 1.0);
-        for candidate in chosen {
+        for &candidate in &table.of_sighting[j] {
             let mask: Vec<bool> = decided.iter().map(|d| *d == Decision::Landmark(candidate)).collect();
+            if !mask.contains(&true) {
+                continue;
+            }
             let slot = table.slots[candidate as usize];
             let (model, poses, log_likelihood) = (&self.model, &self.sensor_poses, &mut self.log_likelihood);
             log_likelihood.resize(mask.len(), 0.0);

@@ -1,0 +1,238 @@
+"""The report of the scale benchmark: tables, two figures, and where it was measured."""
+
+from __future__ import annotations
+
+import platform
+import subprocess
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import fastslam
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from scale_cases import Measurement
+
+STORES = {"lineage": "C0", "tree": "C1", "dense": "C2"}
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """All measurements of one call."""
+
+    started: datetime
+    quick: bool
+    ratio: Sequence[Measurement]
+    headline: Sequence[Measurement]
+    many_particles: Measurement
+    by_landmarks: Sequence[Measurement]
+    by_particles: Sequence[Measurement]
+
+
+def write_report(sweep: Sweep, folder: Path) -> Path:
+    """Draws the figures and writes the report beside them; returns its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = f"scale-{sweep.started:%Y-%m-%d}{'-quick' if sweep.quick else ''}"
+    draw(sweep, folder / f"{stem}.png")
+    parts = [_head(sweep), f"![step time and memory]({stem}.png)", _targets(sweep)]
+    parts += ["## Headline run", _headline_table(sweep.headline)]
+    parts += [
+        "## Landmarks",
+        _table(sweep.by_landmarks),
+        "## Particles",
+        _table(sweep.by_particles),
+        NOT_MEASURED,
+    ]
+    path = folder / f"{stem}.md"
+    path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    return path
+
+
+def draw(sweep: Sweep, path: Path) -> None:
+    """Log-log plots of step time and of memory over landmarks (upper row) and particles (lower row)."""
+    figure, axes = plt.subplots(2, 2, figsize=(10, 7), layout="constrained")
+    rows = (
+        (axes[0], sweep.by_landmarks, "landmarks (250 particles)", lambda m: m.case.landmarks),
+        (axes[1], sweep.by_particles, "particles", lambda m: m.case.particles),
+    )
+    for (left, right), measurements, label, of in rows:
+        _lines(left, measurements, of, lambda m: m.step_us[1])
+        _lines(right, measurements, of, lambda m: m.map_bytes / 1e6)
+        left.set(ylabel="median time of a step [µs]", xlabel=label)
+        right.set(ylabel="map at the end [MB]", xlabel=label)
+    axes[0, 0].legend()
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _lines(
+    axes: Axes,
+    measurements: Sequence[Measurement],
+    x: Callable[[Measurement], float],
+    y: Callable[[Measurement], float],
+) -> None:
+    for store, colour in STORES.items():
+        points = [(x(m), y(m)) for m in measurements if m.case.store == store]
+        axes.loglog(*zip(*points, strict=True), "o-", color=colour, label=store)
+    axes.grid(True, which="major", alpha=0.3)
+
+
+def _head(sweep: Sweep) -> str:
+    return f"""# Scale, {sweep.started:%Y-%m-%d %H:%M} UTC
+
+fastslam {fastslam.__version__}, commit {_commit()}; {_processor()}, {platform.system()}, Python
+{platform.python_version()}; one thread of a machine that other processes share. Command:
+`python benchmarks/bench_scale.py{" --quick" if sweep.quick else ""}`.
+
+Worlds of the `headline` preset (0.05 landmarks per square metre, sensor range 10 m, about 15 sightings a
+scan), simulated, mapped lane by lane, then driven on; times are those of the steps at the end that saw known
+landmarks only, motion, weights, resampling and path included. Every case ran once in a process of its own,
+those of a ratio directly after one another. The **least** step is the figure to compare, except for
+`dense`, whose least step is one that copies nothing; median and 99th percentile also hold what other processes
+took."""
+
+
+def _targets(sweep: Sweep) -> str:
+    small, large, again = sweep.ratio
+    least = min(small.step_us[0], again.step_us[0])
+    median = 0.5 * (small.step_us[1] + again.step_us[1])
+    known = {m.case.algorithm: m for m in sweep.headline if m.case.association == "known" and not _is_tree(m)}
+    unknown = {m.case.algorithm: m for m in sweep.headline if m.case.association == "unknown"}
+    tree = next(m for m in sweep.headline if _is_tree(m))
+    many = sweep.many_particles
+    rows = [
+        (
+            f"step at K = {large.case.landmarks:,} over step at K = {small.case.landmarks:,}",
+            f"{_step_ratio(large.ns_per_particle_sighting[0], small, again, 0):.2f} (least, per sighting), "
+            f"{_step_ratio(large.ns_per_particle_sighting[1], small, again, 1):.2f} (median, per sighting), "
+            f"{large.step_us[0] / least:.2f} and {large.step_us[1] / median:.2f} (whole steps)",
+            "≤ 1.3",
+        ),
+        ("ns per particle and sighting, whole step, 1.0", _pair(known["fastslam1"]), "≤ 30"),
+        ("ns per particle and sighting, whole step, 2.0", _pair(known["fastslam2"]), ""),
+        *(
+            (
+                f"unknown over known association, {name}",
+                f"{unknown[name].ns_per_particle_sighting[0] / one.ns_per_particle_sighting[0]:.1f} (least), "
+                f"{unknown[name].filter_seconds / one.filter_seconds:.1f} (whole run)",
+                "≤ 3",
+            )
+            for name, one in known.items()
+        ),
+        (
+            f"{many.case.particles:,} particles, {many.sightings_per_step:.1f} sightings a step",
+            f"{1e6 / many.step_us[0]:.0f} steps per second (least time),"
+            f" {1e6 / many.step_us[1]:.0f} (median)",
+            "≥ 40" if not sweep.quick else "",
+        ),
+        (
+            "rows of lineage over those of tree after the headline run",
+            f"{known['fastslam1'].map_rows:,} / {tree.map_rows:,} ="
+            f" {known['fastslam1'].map_rows / tree.map_rows:.2f}; {known['fastslam1'].map_bytes / 1e6:.1f} MB"
+            f" against {tree.map_bytes / 1e6:.1f} MB",
+            "≤ 1.2, ≤ 25 MB",
+        ),
+        (
+            "99th percentile over median of a step, 1.0",
+            f"{known['fastslam1'].step_us[2] / known['fastslam1'].step_us[1]:.1f}",
+            "≤ 3",
+        ),
+    ]
+    return "## Against the targets\n\n" + _markdown(("what", "measured", "wanted"), rows)
+
+
+def _step_ratio(value: float, small: Measurement, again: Measurement, index: int) -> float:
+    return 2.0 * value / (small.ns_per_particle_sighting[index] + again.ns_per_particle_sighting[index])
+
+
+def _is_tree(measurement: Measurement) -> bool:
+    return measurement.case.store == "tree"
+
+
+def _pair(measurement: Measurement) -> str:
+    least, median, _ = measurement.ns_per_particle_sighting
+    return f"{least:.1f} (least), {median:.1f} (median)"
+
+
+def _headline_table(measurements: Iterable[Measurement]) -> str:
+    rows = []
+    for m in measurements:
+        scored = m.metrics
+        rows.append(
+            (
+                f"{m.case.algorithm}, {m.case.association}, {m.case.store}",
+                f"{scored['landmark_rmse_m']:.2f}" if "landmark_rmse_m" in scored else "",
+                f"{scored['landmark_matched']:,} of {m.case.landmarks:,}" if scored else "",
+                f"{m.filter_seconds:.1f}",
+                f"{m.simulation_seconds:.1f}",
+                f"{m.map_rows:,}",
+                f"{m.map_bytes / 1e6:.1f}",
+                f"{m.peak_memory_bytes / 1e6:.0f}",
+            )
+        )
+    head = (
+        "run",
+        "map RMSE [m]",
+        "found",
+        "filter [s]",
+        "simulation [s]",
+        "rows",
+        "map [MB]",
+        "peak process [MB]",
+    )
+    return _markdown(head, rows)
+
+
+def _table(measurements: Iterable[Measurement]) -> str:
+    rows = [
+        (
+            m.case.store,
+            f"{m.case.landmarks:,}",
+            f"{m.case.particles:,}",
+            f"{m.ns_per_particle_sighting[0]:.1f} / {m.ns_per_particle_sighting[1]:.1f}",
+            " / ".join(f"{value:.0f}" for value in m.step_us),
+            f"{m.filter_seconds:.1f}",
+            f"{m.map_rows:,}",
+            f"{m.map_bytes / 1e6:.1f}",
+            f"{m.peak_memory_bytes / 1e6:.0f}",
+        )
+        for m in measurements
+    ]
+    head = ("store", "K", "M", "ns/particle-sighting, least / median", "step [µs], least / median / p99")
+    return _markdown((*head, "run [s]", "rows", "map [MB]", "peak process [MB]"), rows)
+
+
+def _markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(cells) + " |" for cells in (head, ["---"] * len(head), *rows)]
+    return "\n".join(lines)
+
+
+NOT_MEASURED = """## Not measured
+
+- An otherwise idle machine: latency percentiles here are upper bounds.
+- `tree` above 50,000 landmarks and `dense` above 2,000 in whole runs (`benches/stores.rs` measures a
+  touch of theirs alone).
+- Several threads; other instruction sets (see `docs/adr/0002-vector-kernels.md`); ARM; Windows and macOS.
+- Rows against the tree's leaves at every step rather than at the end (`benches/stores.rs -- memory` does)."""
+
+
+def _commit() -> str:
+    here = Path(__file__).parent
+    command = ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=10"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return f"{names[0] if names else platform.machine()} ({len(names)} logical processors)"
