@@ -92,8 +92,8 @@ Worlds of the `headline` preset (0.05 landmarks per square metre, sensor range 1
 scan), simulated, mapped lane by lane, then driven on; times are those of the steps at the end that saw known
 landmarks only, motion, weights, resampling and path included. Every case ran once in a process of its own,
 those of a ratio directly after one another. The **least** step is the figure to compare, except for
-`dense`, whose least step is one that copies nothing; median and 99th percentile also hold what other processes
-took."""
+`dense`, whose least step is one that copies nothing; median and 99th percentile also hold what other
+processes took."""
 
 
 def _targets(sweep: Sweep) -> str:
