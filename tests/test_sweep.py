@@ -15,7 +15,11 @@ from typing import Any
 import pytest
 from cli_runner import fastslam
 from fastslam.errors import ConfigError, DataError
+from fastslam.evaluation.runs import summarize
+from fastslam.plots.style import new_figure
+from fastslam.plots.sweep import plot_sweep, varied_key
 from fastslam.sweep import ResultStore, SimulatedLog, StoredLog, SweepSpec, load_spec, sweep_cells
+from fastslam.sweep.table import Group
 from small_log import write_small_log
 from sweep_hooks import FLAG
 
@@ -184,6 +188,25 @@ def test_the_command_writes_the_tables(log: Path, tmp_path: Path) -> None:
     ]
     mean = sum(float(row["ate_rmse_m"]) for row in rows[:2]) / 2
     assert float(ate[0]["mean"]) == pytest.approx(mean)
+    figures = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
+    assert "ate_rmse_m.png" in figures and "filter_seconds.png" in figures
+
+
+def test_the_plot_has_a_line_per_setting_of_the_other_keys() -> None:
+    def group(particles: int, algorithm: str, mean: float) -> Group:
+        summary = summarize([{"ate_rmse_m": mean - 0.1}, {"ate_rmse_m": mean + 0.1}])
+        point = {"algorithm": algorithm, "filter.particles": particles}
+        return Group(log="circle", point=point, summary=summary, failed=0)
+
+    groups = [group(100, "fastslam1", 0.5), group(1, "fastslam1", 2.0), group(1, "ekf", 1.0)]
+    key = varied_key(groups)
+    assert key == "filter.particles"
+    axis = plot_sweep(new_figure(4.0, 3.0).add_subplot(), groups=groups, metric="ate_rmse_m", key=key)
+    lines = [container.lines[0] for container in axis.containers]
+    assert [line.get_xdata().tolist() for line in lines] == [[1.0, 100.0], [1.0]]
+    assert lines[0].get_ydata().tolist() == pytest.approx([2.0, 0.5])
+    assert axis.get_xscale() == "log" and axis.get_ylabel() == "ate_rmse_m [m]"
+    assert varied_key(groups[1:]) is None
 
 
 @pytest.mark.parametrize(

@@ -38,8 +38,8 @@ def sweep(
     """Run a grid of configurations, seeds and logs, on all processors, and write one table.
 
     Killed or stopped at any time, the same command goes on where it was: finished cells are kept.
-    Writes cells.jsonl (as they finish), results.csv (one row per run) and summary.csv (means, 95 %
-    intervals).
+    Writes cells.jsonl (as they finish), results.csv (one row per run), summary.csv (means, 95 %
+    intervals) and one PNG per metric against the first key with several numbers.
 
     SPEC lists `logs` (`path: FOLDER`, or `simulate: PRESET` with `landmarks`, `settings`, `new_world`), a
     `grid` of configuration keys with their values, `seeds` (how many, or a list), and `config` for all runs.
@@ -70,6 +70,9 @@ def sweep(
         raise typer.Exit(INTERRUPTED) from None
     write_atomically(folder / "results.csv", tidy_csv(rows))
     write_atomically(folder / "summary.csv", summary_csv(rows))
+    from ..plots.sweep import write_sweep_figures  # the plotting library takes a second to load
+
+    write_sweep_figures(group_rows(rows), folder)
     _show(rows, folder)
 
 
