@@ -99,6 +99,7 @@ fn add(total: &mut Skipped, step: &Skipped) {
     total.too_near += step.too_near;
     total.too_far += step.too_far;
     total.without_identity += step.without_identity;
+    total.bad_covariance += step.bad_covariance;
 }
 
 /// A step as the smoothed path needs it.

@@ -83,7 +83,7 @@ fn unusable_sightings_are_counted_and_leave_no_trace() {
         let ((pose, map, none), (pose_noisy, map_noisy, counted)) = (run(false), run(true));
         assert_eq!((pose, map), (pose_noisy, map_noisy), "{algorithm:?}");
         assert_eq!(none, vec![Skipped::default(); 4]);
-        let expected = Skipped { not_finite: 4, too_near: 3, too_far: 1, without_identity: 1 };
+        let expected = Skipped { not_finite: 4, too_near: 3, too_far: 1, without_identity: 1, bad_covariance: 0 };
         assert_eq!(counted, vec![expected; 4], "{algorithm:?}");
     }
 }
@@ -315,7 +315,7 @@ proptest! {
             match filter.update(step as f64, scan) {
                 Ok(info) => {
                     let s = info.skipped;
-                    let counted = info.sightings + s.not_finite + s.too_near + s.too_far + s.without_identity;
+                    let counted = info.sightings + s.not_finite + s.too_near + s.too_far + s.without_identity + s.bad_covariance;
                     prop_assert_eq!(counted as usize, scan.len());
                     prop_assert!(info.log_likelihood.is_finite());
                     prop_assert!(info.effective_sample_size >= 1.0 - 1e-9);
@@ -329,4 +329,18 @@ proptest! {
             prop_assert_eq!(check_finite(&mut filter), Ok(()));
         }
     }
+}
+
+#[test]
+fn a_sighting_whose_covariance_is_none_is_skipped_and_counted() {
+    let mut filter = FastSlam::new(Config::default(), Identities::All).unwrap();
+    let with = |noise| Sighting { noise: Some(noise), ..Sighting::range_bearing(4.0, 0.1, Some(1)) };
+    let scan = [
+        with(Symmetric2::new(0.01, 0.02, 0.01)),
+        with(Symmetric2::new(-0.01, 0.0, 0.01)),
+        with(Symmetric2::new(f64::NAN, 0.0, 0.01)),
+        with(Symmetric2::new(0.01, 0.0, 0.01)),
+    ];
+    let info = filter.update(0.0, &scan).unwrap();
+    assert_eq!((info.sightings, info.skipped.bad_covariance), (1, 3));
 }

@@ -58,7 +58,8 @@ impl Filter {
         dict.set_item("log_likelihood", info.log_likelihood)?;
         dict.set_item("landmarks", info.landmarks)?;
         let skipped = info.skipped;
-        dict.set_item("skipped", skipped.not_finite + skipped.too_near + skipped.too_far + skipped.without_identity)?;
+        let unusable = skipped.not_finite + skipped.too_near + skipped.too_far;
+        dict.set_item("skipped", unusable + skipped.without_identity + skipped.bad_covariance)?;
         Ok(dict)
     }
 

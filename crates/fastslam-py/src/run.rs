@@ -113,6 +113,7 @@ fn to_dict<'py>(py: Python<'py>, output: &RunOutput) -> PyResult<Bound<'py, PyDi
     skipped.set_item("sightings_too_near", output.skipped.too_near)?;
     skipped.set_item("sightings_too_far", output.skipped.too_far)?;
     skipped.set_item("sightings_without_identity", output.skipped.without_identity)?;
+    skipped.set_item("sightings_bad_covariance", output.skipped.bad_covariance)?;
     dict.set_item("skipped", skipped)?;
     Ok(dict)
 }

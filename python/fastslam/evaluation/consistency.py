@@ -78,4 +78,5 @@ def nees_bounds(*, runs: int, degrees_of_freedom: int, probability: float = 0.95
     """
     tail = (1.0 - probability) / 2.0
     total = degrees_of_freedom * runs
-    return tuple(float(stats.chi2.ppf(q, total)) / runs for q in (tail, 1.0 - tail))  # type: ignore[return-value]
+    low, high = stats.chi2.ppf([tail, 1.0 - tail], total) / runs
+    return float(low), float(high)

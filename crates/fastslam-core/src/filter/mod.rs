@@ -85,6 +85,8 @@ pub struct Skipped {
     pub too_far: u32,
     /// Without an identity, though identities are said to be known.
     pub without_identity: u32,
+    /// With a covariance of their own that is not positive definite.
+    pub bad_covariance: u32,
 }
 
 /// Above this spread of the heading the motion since the last sighting is sampled rather than linearised on.

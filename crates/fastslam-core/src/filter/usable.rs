@@ -27,8 +27,10 @@ pub(crate) fn usable<M: MeasurementModel>(
             skipped.too_far += 1;
         } else if identity.is_none() && identities == Identities::All {
             skipped.without_identity += 1;
+        } else if s.noise.is_some_and(|noise| !noise.is_positive_definite()) {
+            skipped.bad_covariance += 1;
         } else {
-            let noise = s.noise.filter(|n| n.is_positive_definite()).unwrap_or(model.noise_covariance());
+            let noise = s.noise.unwrap_or(model.noise_covariance());
             usable.push(ScanSighting { measured: Measured { value, noise, tail }, identity });
         }
     }
