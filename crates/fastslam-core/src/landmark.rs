@@ -295,12 +295,51 @@ pub fn first_rows<M: MeasurementModel>(
     let n = poses.x.len();
     values.clear();
     values.resize(columns * n, 0.0);
-    let [count, mean_x, mean_y, xx, xy, yy] = RowsMut::new(values, n).columns::<{ column::COUNT }>();
-    for i in (0..n).filter(|i| mask.is_none_or(|mask| mask[*i])) {
-        let landmark = first_sighting(model, poses.get(i), measured.value, measured.noise);
-        count[i] = 1.0;
-        [mean_x[i], mean_y[i]] = landmark.mean;
-        (xx[i], xy[i], yy[i]) = (landmark.covariance.xx, landmark.covariance.xy, landmark.covariance.yy);
+    let rows = RowsMut::new(values, n);
+    match mask {
+        None => vectorized(
+            #[inline(always)]
+            || first_where(model, poses, measured, rows, |_| true),
+        ),
+        // Few are done sooner one by one.
+        Some(mask) if mask.iter().filter(|new| **new).count() < n / 8 => {
+            let [count, mean_x, mean_y, xx, xy, yy] = rows.columns::<{ column::COUNT }>();
+            for i in (0..n).filter(|i| mask[*i]) {
+                let landmark = first_sighting(model, poses.get(i), measured.value, measured.noise);
+                (count[i], mean_x[i], mean_y[i]) = (1.0, landmark.mean[0], landmark.mean[1]);
+                (xx[i], xy[i], yy[i]) = (landmark.covariance.xx, landmark.covariance.xy, landmark.covariance.yy);
+            }
+        }
+        Some(mask) => {
+            let mask = &mask[..n];
+            vectorized(
+                #[inline(always)]
+                || first_where(model, poses, measured, rows, |i| mask[i]),
+            );
+        }
+    }
+}
+
+#[inline(always)]
+fn first_where<M: MeasurementModel>(
+    model: &M,
+    poses: &SensorPoses,
+    measured: Measured,
+    rows: RowsMut<'_>,
+    chosen: impl Fn(usize) -> bool,
+) {
+    let n = poses.x.len();
+    let [count, mean_x, mean_y, xx, xy, yy] = rows.columns::<{ column::COUNT }>().map(|c| &mut c[..n]);
+    let (x, y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
+    for i in 0..n {
+        let pose = Pose::new(x[i], y[i], heading[i]);
+        let landmark = first_sighting(model, pose, measured.value, measured.noise);
+        // Selections in place of branches: the loop must stay a straight line to become vector code.
+        let new = chosen(i);
+        let pick = |value: f64| if new { value } else { 0.0 };
+        (count[i], mean_x[i], mean_y[i]) = (pick(1.0), pick(landmark.mean[0]), pick(landmark.mean[1]));
+        let covariance = landmark.covariance;
+        (xx[i], xy[i], yy[i]) = (pick(covariance.xx), pick(covariance.xy), pick(covariance.yy));
     }
 }
 

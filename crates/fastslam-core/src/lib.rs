@@ -25,6 +25,7 @@ pub mod testing;
 pub mod timeline;
 pub mod vector;
 pub mod weights;
+pub mod workers;
 
 /// The documentation's Rust blocks, which compile and run as tests.
 #[cfg(doctest)]

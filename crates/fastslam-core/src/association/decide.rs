@@ -6,6 +6,7 @@ use crate::landmark::{column, fit_with_tail, innovation_covariance, Fit, Gaussia
 use crate::math;
 use crate::measurement::MeasurementModel;
 use crate::store::Rows;
+use rustc_hash::FxHashMap;
 
 /// What a particle decides about a sighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +17,17 @@ pub enum Decision {
     New,
     /// It shows nothing that the map should know.
     Ignored,
+}
+
+impl Decision {
+    /// The candidate, or a number that is none.
+    pub fn number(&self) -> u32 {
+        match self {
+            Self::Landmark(candidate) => *candidate,
+            Self::New => u32::MAX,
+            Self::Ignored => u32::MAX - 1,
+        }
+    }
 }
 
 /// What a particle believes about the robot's pose while it looks at a scan.
@@ -52,9 +64,44 @@ pub struct CandidateTable {
     pub particles: usize,
     /// Columns per candidate.
     pub columns: usize,
+    /// Which candidate a slot is.
+    index: FxHashMap<u32, u32>,
+    /// Lists of candidates of longer scans; kept for their memory.
+    spare: Vec<Vec<u32>>,
 }
 
 impl CandidateTable {
+    /// Empties the table, for so many sightings.
+    pub fn clear(&mut self, sightings: usize) {
+        self.slots.clear();
+        self.values.clear();
+        while self.of_sighting.len() > sightings {
+            self.spare.extend(self.of_sighting.pop());
+        }
+        while self.of_sighting.len() < sightings {
+            self.of_sighting.push(self.spare.pop().unwrap_or_default());
+        }
+        self.of_sighting.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Turns the slots that [`Self::of_sighting`] names into candidates; those that are none disappear.
+    pub fn number_candidates(&mut self) {
+        let Self { slots, of_sighting, index, .. } = self;
+        index.clear();
+        index.extend(slots.iter().copied().zip(0..));
+        for found in of_sighting {
+            found.retain_mut(|slot| match index.get(slot) {
+                Some(candidate) => {
+                    *slot = *candidate;
+                    true
+                }
+                None => false,
+            });
+            found.sort_unstable();
+            found.dedup();
+        }
+    }
+
     #[inline(always)]
     fn value(&self, candidate: u32, column: usize, particle: usize) -> f64 {
         self.values[(candidate as usize * self.columns + column) * self.particles + particle]
@@ -193,12 +240,20 @@ impl Rules {
 }
 
 /// A landmark as a particle sees it: innovation, how it depends on the pose, and how uncertain it is.
-struct View {
+pub(super) struct View {
     innovation: [f64; 2],
     by_pose: [[f64; 3]; 2],
     q: Symmetric2,
     noise: Symmetric2,
     tail: Tail,
+}
+
+impl View {
+    /// How likely the sighting is when the pose is known.
+    #[inline(always)]
+    pub(super) fn judge(&self) -> Fit {
+        fit_with_tail(self.innovation, self.q, self.tail)
+    }
 }
 
 /// G_s for the robot's pose: the sensor turns about the robot, so its lever arm enters.
@@ -210,8 +265,15 @@ pub(crate) fn by_robot_pose(by_sensor: [[f64; 3]; 2], T_world_robot: Pose, T_wor
 }
 
 impl Belief {
+    /// A landmark as this belief, which has the sensor there, sees it.
     #[inline(always)]
-    fn view<M: MeasurementModel>(&self, model: &M, sensor: Pose, landmark: &Gaussian, measured: &Measured) -> View {
+    pub(super) fn view<M: MeasurementModel>(
+        &self,
+        model: &M,
+        sensor: Pose,
+        landmark: &Gaussian,
+        measured: &Measured,
+    ) -> View {
         let linear = model.linearize(sensor, landmark.mean);
         View {
             innovation: model.innovation(measured.value, linear.expected),
@@ -241,7 +303,7 @@ impl Belief {
 
     /// How likely the sighting is under this belief, with the pose's uncertainty.
     #[inline(always)]
-    fn judge(&self, view: &View) -> Fit {
+    pub(super) fn judge(&self, view: &View) -> Fit {
         let cross = self.cross(&view.by_pose);
         fit_with_tail(view.innovation, Self::total_covariance(&cross, view), view.tail)
     }
@@ -263,7 +325,7 @@ impl Belief {
     /// **Source:** `montemerlo2003fastslam`, eqs. 9–15, in gain form, which holds for a singular P: K = P G_sᵀ L⁻¹,
     /// μ ← μ + K ν, P ← P − K L Kᵀ.
     #[inline(always)]
-    fn refined(&self, view: &View) -> (Self, Fit) {
+    pub(super) fn refined(&self, view: &View) -> (Self, Fit) {
         let cross = self.cross(&view.by_pose);
         let plain = Self::total_covariance(&cross, view);
         let fitted = fit_with_tail(view.innovation, plain, view.tail);

@@ -1,6 +1,7 @@
 //! Which landmark a sighting belongs to, when nobody says so.
 
 mod decide;
+pub mod fast;
 mod grid;
 
 pub(crate) use decide::by_robot_pose;

@@ -13,7 +13,22 @@ use crate::store::Rows;
 use crate::vector::vectorized;
 
 /// Columns: mean (x, y, heading), then the covariance's xx, xy, xh, yy, yh, hh.
-const COLUMNS: usize = 9;
+pub const COLUMNS: usize = 9;
+
+/// The belief of one particle in columns of beliefs.
+pub fn belief_in(columns: &[&mut [f64]; COLUMNS], i: usize) -> Belief {
+    let [x, y, heading, xx, xy, xh, yy, yh, hh] = columns.each_ref().map(|column| column[i]);
+    Belief { mean: Pose::new(x, y, heading), covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
+}
+
+/// Changes the belief of one particle in columns of beliefs.
+pub fn set_belief_in(columns: &mut [&mut [f64]; COLUMNS], i: usize, belief: &Belief) {
+    let [[xx, xy, xh], [_, yy, yh], [_, _, hh]] = belief.covariance;
+    let numbers = [belief.mean.x, belief.mean.y, belief.mean.heading, xx, xy, xh, yy, yh, hh];
+    for (column, number) in columns.iter_mut().zip(numbers) {
+        column[i] = number;
+    }
+}
 
 /// A Gaussian over `T_world_robot` per particle.
 #[derive(Clone, Debug, Default)]
@@ -27,22 +42,15 @@ impl Beliefs {
         self.columns[0].len()
     }
 
-    /// The belief of one particle.
-    #[inline(always)]
-    pub fn get(&self, i: usize) -> Belief {
-        let [x, y, heading, xx, xy, xh, yy, yh, hh] = &self.columns;
-        let (x, y, heading, xx, xy) = (x[i], y[i], heading[i], xx[i], xy[i]);
-        let (xh, yy, yh, hh) = (xh[i], yy[i], yh[i], hh[i]);
-        Belief { mean: Pose::new(x, y, heading), covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
+    /// The columns, to be changed.
+    pub fn columns_mut(&mut self) -> [&mut [f64]; COLUMNS] {
+        self.columns.each_mut().map(Vec::as_mut_slice)
     }
 
-    /// Changes the belief of one particle.
-    pub fn set(&mut self, i: usize, belief: &Belief) {
-        let [[xx, xy, xh], [_, yy, yh], [_, _, hh]] = belief.covariance;
-        let numbers = [belief.mean.x, belief.mean.y, belief.mean.heading, xx, xy, xh, yy, yh, hh];
-        for (column, number) in self.columns.iter_mut().zip(numbers) {
-            column[i] = number;
-        }
+    /// The columns that say how far the beliefs reach: mean (x, y, heading), then the covariance's xx, yy, hh.
+    pub fn outline(&self) -> [&[f64]; 6] {
+        let [x, y, heading, xx, _, _, yy, _, hh] = self.columns.each_ref().map(Vec::as_slice);
+        [x, y, heading, xx, yy, hh]
     }
 
     /// Poses that are known: samples, as in FastSLAM 1.0.
@@ -285,7 +293,8 @@ mod tests {
         let n = 40_000;
         let mut beliefs = Beliefs::default();
         beliefs.certain(&vec![0.0; n], &vec![0.0; n], &vec![0.0; n]);
-        (0..n).for_each(|i| beliefs.set(i, &Belief { mean: Pose::new(1.0, 2.0, 0.5), covariance }));
+        let belief = Belief { mean: Pose::new(1.0, 2.0, 0.5), covariance };
+        (0..n).for_each(|i| set_belief_in(&mut beliefs.columns_mut(), i, &belief));
         let (mut x, mut y, mut h) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         beliefs.sample(RandomSource::new(3).stream(Purpose::Proposal, 1), &mut x, &mut y, &mut h);
         let columns = [x, y, h];

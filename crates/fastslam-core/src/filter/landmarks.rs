@@ -163,6 +163,11 @@ impl Landmarks {
         self.store.read(slot)
     }
 
+    /// Appends the rows of a landmark in particle order, column after column.
+    pub fn append_rows(&mut self, slot: u32, out: &mut Vec<f64>) {
+        self.store.append_rows(slot, out);
+    }
+
     /// One particle's landmark; false when it is absent.
     pub fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool {
         self.store.read_row(slot, particle, out)

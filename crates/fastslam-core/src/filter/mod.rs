@@ -3,6 +3,7 @@
 mod beliefs;
 mod estimate;
 mod existence;
+mod extent;
 mod identified;
 mod landmarks;
 mod particles;
@@ -14,7 +15,7 @@ pub use landmarks::Identities;
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
-use crate::association::{CandidateTable, FitTable, Rules};
+use crate::association::{fast, CandidateTable, Decision, FitTable, Rules, Scratch};
 use crate::config::{Algorithm, Config};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
@@ -26,6 +27,7 @@ use crate::random::{Purpose, RandomSource};
 use crate::resampling;
 use crate::store::StoreUsage;
 use crate::weights::Weights;
+use crate::workers::{PerThread, Workers};
 use beliefs::Beliefs;
 use landmarks::Landmarks;
 
@@ -120,8 +122,7 @@ pub struct FastSlam<M = RangeBearing> {
     samplings: u64,
     steps: u64,
     landmarks: Landmarks,
-    /// Threads that decide about associations; none when one is enough.
-    workers: Option<rayon::ThreadPool>,
+    workers: Workers,
     path: PathForest,
     weights: Weights,
     ancestor_indices: Vec<u32>,
@@ -131,6 +132,15 @@ pub struct FastSlam<M = RangeBearing> {
     table: CandidateTable,
     /// How well the candidates of the scan fit.
     fits: FitTable,
+    /// What deciding needs to remember.
+    deciding: PerThread<(fast::Workspace, Scratch)>,
+    /// What each particle decided about the scan, an equal share each; kept for its memory.
+    decisions: Vec<Decision>,
+    /// For one sighting, the numbers of the decisions and whether they are the one at hand; kept for their memory.
+    decided: Vec<u32>,
+    mask: Vec<bool>,
+    /// Landmarks that the scan may show; kept for its memory.
+    slots: Vec<u32>,
     /// Of the step's sightings, per particle.
     log_likelihood: Vec<f64>,
     estimate: PoseEstimate,
@@ -161,6 +171,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let particles = config.filter.particles as usize;
         let gate_radius = rules.gate_radius(&model, config.sensor.tail());
         let noise = model.noise_covariance();
+        let workers = Workers::new(config.filter.threads)?;
         let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
         Ok(Self {
             landmarks: Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius),
@@ -168,7 +179,6 @@ impl<M: MeasurementModel> FastSlam<M> {
             T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
             gate_radius,
             random: RandomSource::new(config.seed),
-            workers: workers(config.filter.threads)?,
             particles: Particles::at(start, particles),
             pending: MotionGaussian::default(),
             controls: 0,
@@ -181,12 +191,18 @@ impl<M: MeasurementModel> FastSlam<M> {
             beliefs: Beliefs::default(),
             table: CandidateTable::default(),
             fits: FitTable::default(),
+            deciding: PerThread::new(&workers),
+            decisions: Vec::new(),
+            decided: Vec::new(),
+            mask: Vec::new(),
+            slots: Vec::new(),
             log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             scratch: Vec::new(),
             identities,
             model,
             rules,
+            workers,
             config,
         })
     }
@@ -321,12 +337,4 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub fn store_usage(&self) -> StoreUsage {
         self.landmarks.usage()
     }
-}
-
-fn workers(threads: u32) -> Result<Option<rayon::ThreadPool>> {
-    if threads < 2 {
-        return Ok(None);
-    }
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build();
-    pool.map(Some).map_err(|error| Error::parameter("filter.threads", threads, format!("fewer: {error}")))
 }

@@ -1,14 +1,16 @@
 //! Steps in which particles decide which landmark a sighting shows.
 
+use super::beliefs::{belief_in, set_belief_in};
+use super::extent::Extent;
 use super::{FastSlam, Particles, StepInfo};
-use crate::association::{decide, Belief, CandidateTable, Decision, ParticleHypothesis, Scratch};
+use crate::association::{decide, fast, CandidateTable, Decision, ParticleHypothesis};
 use crate::config::Algorithm;
 use crate::error::Result;
 use crate::landmark::{column, correct_rows, first_rows};
 use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
 use crate::random::Purpose;
-use rayon::prelude::*;
+use crate::workers::Shares;
 
 pub(super) use crate::association::ScanSighting;
 
@@ -21,51 +23,79 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.believe();
         let mut table = std::mem::take(&mut self.table);
         self.find_candidates(scan, &mut table);
-        let mut decisions = self.decide(scan, &table);
+        let mut decisions = std::mem::take(&mut self.decisions);
+        self.decide(scan, &table, &mut decisions);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.landmarks.births();
+        let mut decided = std::mem::take(&mut self.decided);
         for (j, sighting) in scan.iter().enumerate() {
-            let decided: Vec<Decision> = decisions.iter().skip(j).step_by(scan.len()).copied().collect();
+            decided.clear();
+            decided.extend(decisions.iter().skip(j).step_by(scan.len()).map(Decision::number));
             self.correct_decided((j, sighting), &decided, &table, info);
         }
         if self.removes_landmarks() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
         }
-        self.table = table;
+        (self.table, self.decisions, self.decided) = (table, decisions, decided);
         Ok(())
     }
 
     /// Every particle's decisions (an equal share each), with its belief refined and its weight changed by them.
-    fn decide(&mut self, scan: &[ScanSighting], table: &CandidateTable) -> Vec<Decision> {
-        let mut decisions = vec![Decision::Ignored; self.particles.len() * scan.len()];
-        let (model, beliefs, T_robot_sensor) = (&self.model, &self.beliefs, self.T_robot_sensor);
-        self.fits.fill(table, |j, candidate, log_likelihood, distance| {
-            let columns = [log_likelihood, distance];
-            beliefs.fit(model, T_robot_sensor, &scan[j].measured, &table.rows(candidate), columns);
-        });
-        let (rules, fits) = (&self.rules, &self.fits);
-        let one = |scratch: &mut Scratch, (i, mine): (usize, &mut [Decision])| {
-            let belief = beliefs.get(i);
-            let mut particle =
-                ParticleHypothesis { model, T_robot_sensor, table, fits, particle: i, belief, refined: None };
-            let increment = decide(rules, scan, &table.of_sighting, &mut particle, scratch, mine);
-            (particle.refined.map_or(belief, |(belief, _)| belief), increment)
-        };
-        let share = scan.len().max(1);
-        let outcomes: Vec<(Belief, f64)> = match &self.workers {
-            Some(workers) => workers
-                .install(|| decisions.par_chunks_mut(share).enumerate().map_init(Scratch::default, one).collect()),
-            None => {
-                let mut scratch = Scratch::default();
-                decisions.chunks_mut(share).enumerate().map(|share| one(&mut scratch, share)).collect()
-            }
-        };
-        for (i, (belief, increment)) in outcomes.into_iter().enumerate() {
-            self.beliefs.set(i, &belief);
+    fn decide(&mut self, scan: &[ScanSighting], table: &CandidateTable, decisions: &mut Vec<Decision>) {
+        decisions.clear();
+        decisions.resize(self.particles.len() * scan.len(), Decision::Ignored);
+        if scan.is_empty() {
+            return;
+        }
+        self.log_likelihood.resize(self.particles.len(), 0.0);
+        if fast::applies(scan) {
+            self.decide_together(scan, table, decisions);
+        } else {
+            self.decide_each(scan, table, decisions);
+        }
+        for (i, increment) in self.log_likelihood.iter().enumerate() {
             self.particles.log_weight[i] += increment;
             self.particles.score[i] += increment;
         }
-        decisions
+    }
+
+    /// Decisions of blocks of particles, in passes of vector code.
+    fn decide_together(&mut self, scan: &[ScanSighting], table: &CandidateTable, decisions: &mut [Decision]) {
+        let Self { model, rules, deciding, beliefs, log_likelihood, .. } = self;
+        let question = fast::Question { rules, model, T_robot_sensor: self.T_robot_sensor, scan, table };
+        let whole =
+            (beliefs.columns_mut(), Shares { entries: decisions, each: scan.len() }, log_likelihood.as_mut_slice());
+        self.workers.share(whole, fast::BLOCK, &|first, (beliefs, decisions, log_likelihood)| {
+            let answers = fast::Answers { beliefs, decisions: decisions.entries, log_likelihood };
+            deciding.with(|(workspace, _)| fast::decide_block(&question, first, answers, workspace));
+        });
+    }
+
+    /// Decisions of the particles one by one.
+    fn decide_each(&mut self, scan: &[ScanSighting], table: &CandidateTable, decisions: &mut [Decision]) {
+        let Self { model, rules, deciding, beliefs, log_likelihood, fits, T_robot_sensor, .. } = self;
+        let (model, T_robot_sensor) = (&*model, *T_robot_sensor);
+        fits.fill(table, |j, candidate, log_likelihood, distance| {
+            let columns = [log_likelihood, distance];
+            beliefs.fit(model, T_robot_sensor, &scan[j].measured, &table.rows(candidate), columns);
+        });
+        let fits = &*fits;
+        let whole =
+            (beliefs.columns_mut(), Shares { entries: decisions, each: scan.len() }, log_likelihood.as_mut_slice());
+        self.workers.share(whole, fast::BLOCK, &|first, (mut beliefs, decisions, log_likelihood)| {
+            let shares = decisions.entries.chunks_exact_mut(scan.len());
+            for (i, (mine, increment)) in shares.zip(log_likelihood).enumerate() {
+                let belief = belief_in(&beliefs, i);
+                let particle = first + i;
+                let mut hypothesis =
+                    ParticleHypothesis { model, T_robot_sensor, table, fits, particle, belief, refined: None };
+                *increment = deciding
+                    .with(|(_, scratch)| decide(rules, scan, &table.of_sighting, &mut hypothesis, scratch, mine));
+                if let Some((refined, _)) = hypothesis.refined {
+                    set_belief_in(&mut beliefs, i, &refined);
+                }
+            }
+        });
     }
 
     /// What each particle believes about the robot's pose before the scan.
@@ -118,57 +148,49 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// The landmarks that some particle might see in each sighting, with their rows.
     fn find_candidates(&mut self, scan: &[ScanSighting], table: &mut CandidateTable) {
-        let of_sighting: Vec<Vec<u32>> = scan
-            .iter()
-            .map(|sighting| {
-                let mut slots = Vec::new();
-                let reach = [self.gate_radius, self.lever_arm_m];
-                let region = self.beliefs.region_of(&self.model, self.T_robot_sensor, &sighting.measured, reach);
-                self.landmarks.find(&region, &mut slots);
-                if let Some(identity) = sighting.identity {
-                    slots.extend_from_slice(self.landmarks.of_identity(identity));
-                }
-                slots
-            })
-            .collect();
-        let mut slots: Vec<u32> = of_sighting.concat();
+        let extent = Extent::of(&self.beliefs, self.T_robot_sensor);
+        table.clear(scan.len());
+        (table.particles, table.columns) = (self.particles.len(), self.landmarks.columns());
+        let mut slots = std::mem::take(&mut self.slots);
+        slots.clear();
+        for (sighting, found) in scan.iter().zip(&mut table.of_sighting) {
+            let reach = [self.gate_radius, self.lever_arm_m];
+            let region = extent
+                .region_of(&self.model, &sighting.measured, reach)
+                .unwrap_or_else(|| self.beliefs.region_of(&self.model, self.T_robot_sensor, &sighting.measured, reach));
+            self.landmarks.find(&region, found);
+            if let Some(identity) = sighting.identity {
+                found.extend_from_slice(self.landmarks.of_identity(identity));
+            }
+            slots.extend_from_slice(found);
+        }
         slots.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
         slots.dedup();
-        (table.particles, table.columns) = (self.particles.len(), self.landmarks.columns());
-        table.slots.clear();
-        table.values.clear();
-        for slot in slots {
+        for &slot in &slots {
             if self.landmarks.holders(slot) == 0 {
                 self.landmarks.remove(slot);
                 continue;
             }
-            let rows = self.landmarks.read(slot);
-            (0..table.columns).for_each(|c| table.values.extend_from_slice(rows.column(c)));
+            self.landmarks.append_rows(slot, &mut table.values);
             table.slots.push(slot);
         }
-        let index: rustc_hash::FxHashMap<u32, u32> = table.slots.iter().copied().zip(0..).collect();
-        table.of_sighting = of_sighting
-            .into_iter()
-            .map(|slots| {
-                let mut found: Vec<u32> = slots.iter().filter_map(|slot| index.get(slot).copied()).collect();
-                found.sort_unstable();
-                found.dedup();
-                found
-            })
-            .collect();
+        self.slots = slots;
+        table.number_candidates();
     }
 
     /// Corrects, creates or leaves landmarks as every particle decided about one sighting.
     fn correct_decided(
         &mut self,
         (j, sighting): (usize, &ScanSighting),
-        decided: &[Decision],
+        decided: &[u32],
         table: &CandidateTable,
         info: &mut StepInfo,
     ) {
         let mark = sighting.identity.map(|identity| f64::from(identity) + 1.0);
+        let mut mask = std::mem::take(&mut self.mask);
         for &candidate in &table.of_sighting[j] {
-            let mask: Vec<bool> = decided.iter().map(|d| *d == Decision::Landmark(candidate)).collect();
+            mask.clear();
+            mask.extend(decided.iter().map(|d| *d == candidate));
             if !mask.contains(&true) {
                 continue;
             }
@@ -186,19 +208,26 @@ impl<M: MeasurementModel> FastSlam<M> {
                 self.landmarks.mark_identity(slot, identity);
             }
         }
-        let new: Vec<bool> = decided.iter().map(|d| *d == Decision::New).collect();
-        if new.contains(&true) {
-            let columns = self.landmarks.columns();
-            first_rows(&self.model, &self.sensor_poses, sighting.measured, Some(&new), columns, &mut self.scratch);
-            if let (Some(mark), true) = (mark, columns > column::IDENTITY) {
-                let n = new.len();
-                (0..n).filter(|i| new[*i]).for_each(|i| self.scratch[column::IDENTITY * n + i] = mark);
-            }
-            let log_odds = self.config.association.existence.initial_log_odds;
-            self.landmarks.insert(sighting.identity, &self.scratch, log_odds);
-            new.iter().zip(&mut self.particles.landmarks).for_each(|(new, count)| *count += u32::from(*new));
+        mask.clear();
+        mask.extend(decided.iter().map(|d| *d == Decision::New.number()));
+        if mask.contains(&true) {
+            self.create_where(&mask, sighting);
             info.new_landmarks += 1;
         }
-        info.ignored += u32::from(decided[self.particles.best()] == Decision::Ignored);
+        self.mask = mask;
+        info.ignored += u32::from(decided[self.particles.best()] == Decision::Ignored.number());
+    }
+
+    /// Creates a landmark in the maps that `mask` marks.
+    fn create_where(&mut self, mask: &[bool], sighting: &ScanSighting) {
+        let columns = self.landmarks.columns();
+        first_rows(&self.model, &self.sensor_poses, sighting.measured, Some(mask), columns, &mut self.scratch);
+        if let (Some(identity), true) = (sighting.identity, columns > column::IDENTITY) {
+            let marks = &mut self.scratch[column::IDENTITY * mask.len()..];
+            marks.iter_mut().zip(mask).filter(|(_, new)| **new).for_each(|(mark, _)| *mark = f64::from(identity) + 1.0);
+        }
+        let log_odds = self.config.association.existence.initial_log_odds;
+        self.landmarks.insert(sighting.identity, &self.scratch, log_odds);
+        mask.iter().zip(&mut self.particles.landmarks).for_each(|(new, count)| *count += u32::from(*new));
     }
 }

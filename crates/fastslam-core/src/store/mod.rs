@@ -113,6 +113,11 @@ pub trait LandmarkStore: Send + Sync {
     /// The rows of a landmark. All are absent when the slot is empty.
     fn read(&mut self, slot: u32) -> Rows<'_>;
 
+    /// Appends the rows of a landmark in particle order, column after column. All are absent when the slot is empty.
+    fn append_rows(&mut self, slot: u32, out: &mut Vec<f64>) {
+        out.extend_from_slice(self.read(slot).values);
+    }
+
     /// The numbers of one particle's landmark; false when it is absent.
     fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool;
 

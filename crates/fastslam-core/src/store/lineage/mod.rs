@@ -287,6 +287,19 @@ impl LandmarkStore for LineageStore {
         Rows::new(&self.scratch, particles)
     }
 
+    fn append_rows(&mut self, slot: u32, out: &mut Vec<f64>) {
+        let Block { level, place, .. } = self.block(slot);
+        if level == NONE || self.chain.in_particle_order(level) {
+            out.extend_from_slice(self.read(slot).values);
+            return;
+        }
+        // Gathered to where they are wanted, not by way of the scratch rows.
+        let (begin, length) = (out.len(), self.length(level));
+        out.resize(begin + self.chain.particles() * self.columns, 0.0);
+        let lineages = if length == self.columns { &[] } else { self.chain.map(level) };
+        gather(self.values.get(place, length), &mut out[begin..], self.columns, lineages);
+    }
+
     fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool {
         let Block { level, place, .. } = self.block(slot);
         if level == NONE {

@@ -1,0 +1,96 @@
+//! What unknown association costs over known association: whole steps on the same sightings, one filter after the
+//! other within each step, so that other processes of the machine slow both.
+//!
+//! `cargo bench -p fastslam-core --bench unknown [-- LANDMARKS]` (50,000 if nothing is said). The world is swept
+//! once at the density of the headline run; steps during the last tenth count.
+
+#![allow(clippy::expect_used, missing_docs)] // A benchmark that cannot run says so by failing.
+
+use fastslam_core::config::{Algorithm, AssociationMode, Config};
+use fastslam_core::filter::{FastSlam, Identities, Sighting};
+use fastslam_core::timeline::{Event, LogData, Timeline};
+use fastslam_sim::{simulate, SimulationConfig};
+use std::time::Instant;
+
+const PARTICLES: u32 = 250;
+
+fn main() {
+    let landmarks = std::env::args().filter_map(|argument| argument.parse().ok()).next().unwrap_or(50_000);
+    let simulation = SimulationConfig::preset("headline").expect("a preset").with_landmarks(landmarks);
+    let simulated = simulate(&simulation.expect("a world of any size")).expect("a valid simulation");
+    let seen = &simulated.sightings;
+    let sighting =
+        |i: usize| Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok());
+    let log = LogData {
+        control_stamps_s: simulated.control_stamp_s.clone(),
+        controls: simulated.controls.clone(),
+        sighting_stamps_s: seen.stamp_s.clone(),
+        sightings: (0..seen.len()).map(sighting).collect(),
+    };
+    let config = Config { motion: simulated.motion.clone(), sensor: simulated.sensor.clone(), ..Config::default() };
+    println!("K = {landmarks}, M = {PARTICLES}; least and median of a step in ns per particle and sighting");
+    for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
+        compare(algorithm, &config, &log);
+    }
+}
+
+/// Runs both filters over the log and prints what their steps took.
+fn compare(algorithm: Algorithm, config: &Config, log: &LogData) {
+    let mut config = Config { algorithm, seed: 1, ..config.clone() };
+    config.filter.particles = PARTICLES;
+    let mut filters = [AssociationMode::Known, AssociationMode::Unknown].map(|mode| {
+        config.association.mode = mode;
+        FastSlam::new(config.clone(), Identities::All).expect("a valid configuration")
+    });
+    let begin = log.control_stamps_s.last().copied().unwrap_or(0.0) * 0.9;
+    let mut spent_ns = [0.0; 2];
+    let mut steps: Vec<[f64; 2]> = Vec::new();
+    for event in Timeline::new(log, config.motion.timing(), config.filter.path_period_s) {
+        let took_ns = [0, 1].map(|which| {
+            let start = Instant::now();
+            step(&mut filters[which], event, &log.sightings);
+            start.elapsed().as_secs_f64() * 1e9
+        });
+        (0..2).for_each(|which| spent_ns[which] += took_ns[which]);
+        match event {
+            Event::Control(..) => {}
+            Event::Step { stamp_s, first, end } => {
+                if stamp_s >= begin && end > first {
+                    let sightings = f64::from(PARTICLES) * (end - first) as f64;
+                    steps.push(spent_ns.map(|ns| ns / sightings));
+                }
+                spent_ns = [0.0; 2];
+            }
+        }
+    }
+    let column = |which: usize| ordered(steps.iter().map(|step| step[which]));
+    let (known, unknown) = (column(0), column(1));
+    let ratios = ordered(steps.iter().map(|step| step[1] / step[0]));
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    println!(
+        "{algorithm:?}: known {:.1} and {:.1}, unknown {:.1} and {:.1}; unknown over known {:.2} (least), {:.2} (median of the steps' ratios), {:.2} (mean); {} steps",
+        known[0],
+        known[known.len() / 2],
+        unknown[0],
+        unknown[unknown.len() / 2],
+        unknown[0] / known[0],
+        ratios[ratios.len() / 2],
+        mean(&unknown) / mean(&known),
+        steps.len(),
+    );
+}
+
+fn step(filter: &mut FastSlam, event: Event, sightings: &[Sighting]) {
+    match event {
+        Event::Control(control, dt_s) => filter.predict(control, dt_s).expect("a valid control"),
+        Event::Step { stamp_s, first, end } => {
+            filter.update(stamp_s, &sightings[first..end]).expect("explained sightings");
+        }
+    }
+}
+
+fn ordered(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values
+}
