@@ -3,6 +3,7 @@
 //! **Source:** `jacob2015path`: with pruning the expected size is T + O(M log M) nodes.
 
 use crate::geometry::Pose;
+use crate::resampling::follow;
 
 const NONE: u32 = u32::MAX;
 
@@ -22,6 +23,8 @@ pub struct PathForest {
     free: Vec<u32>,
     /// Node of each particle's latest pose.
     tips: Vec<u32>,
+    /// Kept for its memory.
+    former_tips: Vec<u32>,
     stamps_s: Vec<f64>,
 }
 
@@ -53,14 +56,13 @@ impl PathForest {
 
     /// Path i becomes a copy of the former path `ancestor_indices[i]`; paths without a descendant are forgotten.
     pub fn resample(&mut self, ancestor_indices: &[u32]) {
-        let old = std::mem::take(&mut self.tips);
-        self.tips.extend(ancestor_indices.iter().map(|&a| old[a as usize]));
+        follow(&mut self.tips, ancestor_indices, &mut self.former_tips);
         for &tip in self.tips.iter().filter(|tip| **tip != NONE) {
             self.nodes[tip as usize].holders += 1;
         }
-        for tip in old {
-            self.release(tip);
-        }
+        let former = std::mem::take(&mut self.former_tips);
+        former.iter().for_each(|tip| self.release(*tip));
+        self.former_tips = former;
     }
 
     fn release(&mut self, mut index: u32) {

@@ -19,6 +19,13 @@ pub enum ResamplingScheme {
     Multinomial,
 }
 
+/// Entry i of a column becomes the former entry `ancestor_indices[i]`; `spare` is memory to work with.
+pub fn follow<T: Copy>(column: &mut Vec<T>, ancestor_indices: &[u32], spare: &mut Vec<T>) {
+    spare.clear();
+    spare.extend(ancestor_indices.iter().map(|&a| column[a as usize]));
+    std::mem::swap(column, spare);
+}
+
 /// Draws `count` ancestors, in ascending order, into `ancestor_indices`.
 ///
 /// `weights` are normalised; a particle of zero weight is never chosen.

@@ -88,6 +88,8 @@ const MOST_CELLS: i64 = 64;
 pub struct Grid {
     cell_m: f64,
     cells: FxHashMap<[i32; 2], Vec<u32>>,
+    /// Lists of cells that became empty; kept for their memory.
+    spare: Vec<Vec<u32>>,
     large: Vec<u32>,
     /// Box of each slot as it was entered, `EMPTY` when it is not.
     entered: Vec<Box2>,
@@ -102,6 +104,7 @@ impl Grid {
         Self {
             cell_m,
             cells: FxHashMap::default(),
+            spare: Vec::new(),
             large: Vec::new(),
             entered: Vec::new(),
             reported: Vec::new(),
@@ -143,7 +146,8 @@ impl Grid {
             Some(([x0, y0], [x1, y1])) => {
                 for x in x0..=x1 {
                     for y in y0..=y1 {
-                        self.cells.entry([x, y]).or_default().push(slot);
+                        let spare = &mut self.spare;
+                        self.cells.entry([x, y]).or_insert_with(|| spare.pop().unwrap_or_default()).push(slot);
                     }
                 }
             }
@@ -172,7 +176,7 @@ impl Grid {
                         if let Some(list) = self.cells.get_mut(&[x, y]) {
                             drop_from(list);
                             if list.is_empty() {
-                                self.cells.remove(&[x, y]);
+                                self.spare.extend(self.cells.remove(&[x, y]));
                             }
                         }
                     }

@@ -121,7 +121,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
     /// **Errors:** [`Error::NotPositiveDefinite`] and [`Error::NotFinite`] when rounding has spoilt the state.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         let mut info = StepInfo { step: self.steps, effective_sample_size: 1.0, sampled: true, ..StepInfo::default() };
-        let scan = usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped);
+        let scan: Vec<_> =
+            usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped).collect();
         info.sightings = scan.len() as u32;
         self.move_pose();
         let new = match self.identities {

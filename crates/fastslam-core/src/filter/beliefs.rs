@@ -9,6 +9,7 @@ use crate::math;
 use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
 use crate::random::Stream;
+use crate::resampling::follow;
 use crate::store::Rows;
 use crate::vector::vectorized;
 
@@ -34,6 +35,8 @@ pub fn set_belief_in(columns: &mut [&mut [f64]; COLUMNS], i: usize, belief: &Bel
 #[derive(Clone, Debug, Default)]
 pub struct Beliefs {
     columns: [Vec<f64>; COLUMNS],
+    /// Kept for its memory.
+    spare: Vec<f64>,
 }
 
 impl Beliefs {
@@ -256,7 +259,7 @@ impl Beliefs {
     /// Particle i takes over the belief of the former particle `ancestor_indices[i]`.
     pub fn resample(&mut self, ancestor_indices: &[u32]) {
         for column in &mut self.columns {
-            *column = ancestor_indices.iter().map(|&a| column[a as usize]).collect();
+            follow(column, ancestor_indices, &mut self.spare);
         }
     }
 }

@@ -128,6 +128,8 @@ pub struct FastSlam<M = RangeBearing> {
     ancestor_indices: Vec<u32>,
     sensor_poses: SensorPoses,
     beliefs: Beliefs,
+    /// The sightings of the step, each identity once in each; kept for their memory.
+    rounds: Vec<Vec<scan::ScanSighting>>,
     /// Landmarks that the last scan may have shown; kept for its memory.
     table: CandidateTable,
     /// How well the candidates of the scan fit.
@@ -136,6 +138,7 @@ pub struct FastSlam<M = RangeBearing> {
     deciding: PerThread<(fast::Workspace, Scratch)>,
     /// What each particle decided about the scan, an equal share each; kept for its memory.
     decisions: Vec<Decision>,
+    former_decisions: Vec<Decision>,
     /// For one sighting, the numbers of the decisions and whether they are the one at hand; kept for their memory.
     decided: Vec<u32>,
     mask: Vec<bool>,
@@ -189,10 +192,12 @@ impl<M: MeasurementModel> FastSlam<M> {
             ancestor_indices: Vec::with_capacity(particles),
             sensor_poses: SensorPoses::default(),
             beliefs: Beliefs::default(),
+            rounds: Vec::new(),
             table: CandidateTable::default(),
             fits: FitTable::default(),
             deciding: PerThread::new(&workers),
             decisions: Vec::new(),
+            former_decisions: Vec::new(),
             decided: Vec::new(),
             mask: Vec::new(),
             slots: Vec::new(),
@@ -234,23 +239,13 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         let mut info = StepInfo { step: self.steps, ..StepInfo::default() };
-        let usable = usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped);
-        info.sightings = usable.len() as u32;
-        // Two sightings with one identity are not independent given the pose's prior: the second waits for the first.
-        let mut rounds: Vec<Vec<scan::ScanSighting>> = vec![Vec::new()];
-        for sighting in usable {
-            let free = |round: &Vec<scan::ScanSighting>| {
-                sighting.identity.is_none() || round.iter().all(|s| s.identity != sighting.identity)
-            };
-            match rounds.iter_mut().find(|round| free(round)) {
-                Some(round) => round.push(sighting),
-                None => rounds.push(vec![sighting]),
-            }
-        }
+        let mut rounds = std::mem::take(&mut self.rounds);
+        let used = self.fill_rounds(&mut rounds, sightings, &mut info.skipped);
+        info.sightings = rounds[..used].iter().map(|round| round.len() as u32).sum();
         info.sampled = !self.keeps_motion_pending(&rounds[0]);
-        for round in &rounds {
-            self.process(round, &mut info)?;
-        }
+        let done = rounds[..used].iter().try_for_each(|round| self.process(round, &mut info));
+        self.rounds = rounds;
+        done?;
         if info.sampled {
             let particles = &self.particles;
             self.path.extend(stamp_s, |i| particles.pose(i));
@@ -258,6 +253,36 @@ impl<M: MeasurementModel> FastSlam<M> {
         info.landmarks = self.particles.landmarks[self.particles.best()];
         self.steps += 1;
         Ok(info)
+    }
+
+    /// Parts the usable sightings into scans that see each identity once at most; returns how many there are, one at
+    /// least.
+    ///
+    /// **Why:** two sightings with one identity are not independent given the pose's prior: the second waits for the
+    /// first.
+    fn fill_rounds(
+        &self,
+        rounds: &mut Vec<Vec<scan::ScanSighting>>,
+        sightings: &[Sighting],
+        skipped: &mut Skipped,
+    ) -> usize {
+        rounds.iter_mut().for_each(Vec::clear);
+        if rounds.is_empty() {
+            rounds.push(Vec::new());
+        }
+        let mut used = 1;
+        for sighting in usable(&self.config.sensor, self.identities, &self.model, sightings, skipped) {
+            let free = |round: &Vec<scan::ScanSighting>| {
+                sighting.identity.is_none() || round.iter().all(|s| s.identity != sighting.identity)
+            };
+            let round = rounds[..used].iter().position(free).unwrap_or(used);
+            if round == rounds.len() {
+                rounds.push(Vec::new());
+            }
+            rounds[round].push(sighting);
+            used = used.max(round + 1);
+        }
+        used
     }
 
     /// One scan with at most one sighting per identity.

@@ -2,6 +2,7 @@
 
 use crate::geometry::{Matrix3, Pose};
 use crate::math;
+use crate::resampling::follow;
 use crate::vector::sum;
 
 /// All particles, one number each per column.
@@ -19,6 +20,8 @@ pub struct Particles {
     pub score: Vec<f64>,
     /// Landmarks in the particle's map.
     pub landmarks: Vec<u32>,
+    /// Kept for its memory.
+    spare: (Vec<f64>, Vec<u32>),
 }
 
 impl Particles {
@@ -31,6 +34,7 @@ impl Particles {
             log_weight: vec![0.0; count],
             score: vec![0.0; count],
             landmarks: vec![0; count],
+            spare: (Vec::with_capacity(count), Vec::with_capacity(count)),
         }
     }
 
@@ -59,9 +63,9 @@ impl Particles {
     /// Particle i becomes a copy of the former particle `ancestor_indices[i]`, with weight 1.
     pub fn resample(&mut self, ancestor_indices: &[u32]) {
         for column in [&mut self.x, &mut self.y, &mut self.heading, &mut self.score] {
-            *column = ancestor_indices.iter().map(|&a| column[a as usize]).collect();
+            follow(column, ancestor_indices, &mut self.spare.0);
         }
-        self.landmarks = ancestor_indices.iter().map(|&a| self.landmarks[a as usize]).collect();
+        follow(&mut self.landmarks, ancestor_indices, &mut self.spare.1);
         self.log_weight.clear();
         self.log_weight.resize(ancestor_indices.len(), 0.0);
     }

@@ -119,9 +119,11 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.restart_weights();
             self.beliefs.resample(&self.ancestor_indices);
             let share = decisions.len() / self.beliefs.len();
-            let old = decisions.to_vec();
+            let former = &mut self.former_decisions;
+            former.clear();
+            former.extend_from_slice(decisions);
             for (i, &a) in self.ancestor_indices.iter().enumerate() {
-                decisions[i * share..(i + 1) * share].copy_from_slice(&old[a as usize * share..][..share]);
+                decisions[i * share..(i + 1) * share].copy_from_slice(&former[a as usize * share..][..share]);
             }
         }
         self.sample_poses();

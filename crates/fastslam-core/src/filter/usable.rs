@@ -6,16 +6,15 @@ use crate::landmark::Measured;
 use crate::measurement::{MeasurementModel, Sensor};
 
 /// The sightings that can be used, as measurements; the others are counted by reason.
-pub(crate) fn usable<M: MeasurementModel>(
-    sensor: &Sensor,
+pub(crate) fn usable<'a, M: MeasurementModel>(
+    sensor: &'a Sensor,
     identities: Identities,
-    model: &M,
-    sightings: &[Sighting],
-    skipped: &mut Skipped,
-) -> Vec<ScanSighting> {
+    model: &'a M,
+    sightings: &'a [Sighting],
+    skipped: &'a mut Skipped,
+) -> impl Iterator<Item = ScanSighting> + 'a {
     let tail = sensor.tail();
-    let mut usable = Vec::with_capacity(sightings.len());
-    for s in sightings {
+    sightings.iter().filter_map(move |s| {
         let identity = if identities == Identities::None { None } else { s.identity };
         let value = model.corrected(s.value, sensor);
         let range = model.range(value);
@@ -31,8 +30,8 @@ pub(crate) fn usable<M: MeasurementModel>(
             skipped.bad_covariance += 1;
         } else {
             let noise = s.noise.unwrap_or(model.noise_covariance());
-            usable.push(ScanSighting { measured: Measured { value, noise, tail }, identity });
+            return Some(ScanSighting { measured: Measured { value, noise, tail }, identity });
         }
-    }
-    usable
+        None
+    })
 }

@@ -1,0 +1,96 @@
+//! A filter at work asks for no memory: only the path and its stamps grow, by doubling.
+
+#![allow(clippy::unwrap_used)] // That is how a test fails.
+
+use fastslam_core::config::{Algorithm, Config};
+use fastslam_core::filter::{FastSlam, Identities, Sighting, StepInfo};
+use fastslam_core::motion::{Increments, Motion};
+use std::f64::consts::TAU;
+
+const PARTICLES: u32 = 100;
+/// Steps per lap of the circle.
+const LAP: u32 = 60;
+const LANDMARKS: u32 = 40;
+
+/// What the robot sees at a step: it drives a circle of 10 m inside a ring of landmarks, with a sensor of 9 m.
+fn scan(step: u32, identities: Identities) -> Vec<Sighting> {
+    let angle = TAU * f64::from(step % LAP) / f64::from(LAP);
+    let (x, y, heading) = (10.0 * angle.sin(), 10.0 - 10.0 * angle.cos(), angle);
+    let see = |n: u32| {
+        let around = TAU * f64::from(n) / f64::from(LANDMARKS);
+        let radius = if n.is_multiple_of(2) { 15.0 } else { 6.0 };
+        let (dx, dy) = (radius * around.cos() - x, 10.0 + radius * around.sin() - y);
+        let identity = (identities == Identities::All).then_some(n);
+        // Small errors, so that the weights differ.
+        let error = f64::from((step * 7 + n * 13) % 11) / 11.0 - 0.5;
+        let sighting = Sighting::range_bearing(dx.hypot(dy) + 0.1 * error, dy.atan2(dx) - heading, identity);
+        (sighting.value[0] < 9.0).then_some(sighting)
+    };
+    (0..LANDMARKS).filter_map(see).collect()
+}
+
+fn filter(algorithm: Algorithm, identities: Identities, threshold: f64) -> FastSlam {
+    let mut config = Config { algorithm, seed: 2, ..Config::default() };
+    config.filter.particles = PARTICLES;
+    config.filter.resampling.threshold = threshold;
+    config.sensor.range_std_m = 0.1;
+    config.sensor.bearing_std_rad = 0.02;
+    // Without resampling nothing holds the particles together.
+    let std = if threshold == 0.0 { 1e-6 } else { 0.004 };
+    config.motion = Motion::Increments(Increments { x_std_m: std, y_std_m: std, heading_std_rad: 0.1 * std });
+    FastSlam::new(config, identities).unwrap()
+}
+
+/// Requests for memory in each step of the last laps, with what these steps were.
+fn run(algorithm: Algorithm, identities: Identities, threshold: f64) -> (Vec<u64>, u32) {
+    let mut filter = filter(algorithm, identities, threshold);
+    let turn = TAU / f64::from(LAP);
+    let (mut requests, mut resampled) = (Vec::with_capacity(1000), 0);
+    for step in 0..60 * LAP {
+        let sightings = scan(step, identities);
+        let mut info = StepInfo::default();
+        let asked = allocation_counter::measure(|| {
+            if step > 0 {
+                let chord = 20.0 * (0.5 * turn).sin();
+                filter.predict([chord * (0.5 * turn).cos(), chord * (0.5 * turn).sin(), turn], 0.1).unwrap();
+            }
+            info = filter.update(f64::from(step), &sightings).unwrap();
+        });
+        if step >= 30 * LAP {
+            assert_eq!(info.new_landmarks, 0, "{algorithm:?} {identities:?}: a steady state finds nothing new");
+            assert!(info.sightings >= 4);
+            requests.push(asked.count_total);
+            resampled += u32::from(info.resampled);
+        }
+    }
+    (requests, resampled)
+}
+
+#[test]
+fn a_step_in_the_steady_state_allocates_nothing() {
+    let mut cases = 0;
+    for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
+        for identities in [Identities::All, Identities::None] {
+            for threshold in [0.0, 0.5, 1.0] {
+                let (requests, resampled) = run(algorithm, identities, threshold);
+                let steps = requests.len();
+                let case = format!("{algorithm:?} {identities:?} threshold {threshold}");
+                assert_eq!(steps as u32, 30 * LAP);
+                match threshold {
+                    0.0 => assert_eq!(resampled, 0, "{case}"),
+                    _ => assert!(resampled > 20, "{case}: {resampled} resamplings"),
+                }
+                // The watched steps double the length of the log, so the three vectors that grow with it by doubling
+                // (stamps, nodes of the paths, list of free nodes) grow once or twice each: six requests. The store's
+                // pages, a sample of sizes at random, still set a record now and then, at a rate that falls as one over
+                // the steps: ln 2 expected for each of its classes of sizes, of which some twenty are in use, in one
+                // or two requests each. Anything that a step asked for regularly would ask some hundred times.
+                let asking = requests.iter().filter(|asked| **asked > 0).count();
+                println!("{case}: {asking} of {steps} steps asked for memory");
+                assert!(asking <= 6 + 14, "{case}: {asking} of {steps} steps asked for memory");
+                cases += 1;
+            }
+        }
+    }
+    assert_eq!(cases, 12);
+}
