@@ -7,12 +7,18 @@ use crate::resampling::follow;
 
 const NONE: u32 = u32::MAX;
 
+/// One pose of a path.
 #[derive(Clone, Copy, Debug)]
 struct Node {
     pose: Pose,
     step: u32,
+}
+
+/// Where a node hangs; apart from the poses, for resampling changes nothing else.
+#[derive(Clone, Copy, Debug)]
+struct Link {
     parent: u32,
-    /// Children, plus one while a particle stands on the node.
+    /// Children, plus the particles that stand on the node.
     holders: u32,
 }
 
@@ -20,11 +26,14 @@ struct Node {
 #[derive(Clone, Debug, Default)]
 pub struct PathForest {
     nodes: Vec<Node>,
+    links: Vec<Link>,
     free: Vec<u32>,
     /// Node of each particle's latest pose.
     tips: Vec<u32>,
-    /// Kept for its memory.
+    /// Kept for their memory.
     former_tips: Vec<u32>,
+    offspring: Vec<u32>,
+    letting_go: Vec<u32>,
     stamps_s: Vec<f64>,
 }
 
@@ -40,14 +49,16 @@ impl PathForest {
         self.stamps_s.push(stamp_s);
         for particle in 0..self.tips.len() {
             // The particle moves from the old tip to the new node, which holds the old tip in its stead.
-            let node = Node { pose: pose_of(particle), step, parent: self.tips[particle], holders: 1 };
+            let node = Node { pose: pose_of(particle), step };
+            let link = Link { parent: self.tips[particle], holders: 1 };
             self.tips[particle] = match self.free.pop() {
                 Some(index) => {
-                    self.nodes[index as usize] = node;
+                    (self.nodes[index as usize], self.links[index as usize]) = (node, link);
                     index
                 }
                 None => {
                     self.nodes.push(node);
+                    self.links.push(link);
                     (self.nodes.len() - 1) as u32
                 }
             };
@@ -56,24 +67,42 @@ impl PathForest {
 
     /// Path i becomes a copy of the former path `ancestor_indices[i]`; paths without a descendant are forgotten.
     pub fn resample(&mut self, ancestor_indices: &[u32]) {
+        self.offspring.clear();
+        self.offspring.resize(self.tips.len(), 0);
+        ancestor_indices.iter().for_each(|&a| self.offspring[a as usize] += 1);
         follow(&mut self.tips, ancestor_indices, &mut self.former_tips);
-        for &tip in self.tips.iter().filter(|tip| **tip != NONE) {
-            self.nodes[tip as usize].holders += 1;
+        // Gains first, so that nothing is forgotten that is held again. Most tips keep their one particle and are not
+        // looked at.
+        for (&tip, &offspring) in self.former_tips.iter().zip(&self.offspring) {
+            if offspring > 1 && tip != NONE {
+                self.links[tip as usize].holders += offspring - 1;
+            }
         }
-        let former = std::mem::take(&mut self.former_tips);
-        former.iter().for_each(|tip| self.release(*tip));
-        self.former_tips = former;
+        self.letting_go.clear();
+        let childless = self.former_tips.iter().zip(&self.offspring).filter(|(tip, n)| **n == 0 && **tip != NONE);
+        self.letting_go.extend(childless.map(|(tip, _)| *tip));
+        self.release();
     }
 
-    fn release(&mut self, mut index: u32) {
-        while index != NONE {
-            let node = &mut self.nodes[index as usize];
-            node.holders -= 1;
-            if node.holders > 0 {
-                return;
+    /// Takes one holder from each node of `letting_go`, and forgets those that nobody holds any more.
+    ///
+    /// **Why level by level:** with many particles every look at a link misses the cache; here one does not wait for
+    /// another, and nothing branches on what it finds.
+    fn release(&mut self) {
+        let Self { links, letting_go, free, .. } = self;
+        while !letting_go.is_empty() {
+            let mut gone = 0;
+            for k in 0..letting_go.len() {
+                let index = letting_go[k];
+                let link = &mut links[index as usize];
+                link.holders -= 1;
+                letting_go[gone] = index;
+                gone += usize::from(link.holders == 0);
             }
-            self.free.push(index);
-            index = node.parent;
+            letting_go.truncate(gone);
+            free.extend_from_slice(letting_go);
+            letting_go.iter_mut().for_each(|index| *index = links[*index as usize].parent);
+            letting_go.retain(|index| *index != NONE);
         }
     }
 
@@ -84,7 +113,7 @@ impl PathForest {
         while index != NONE {
             let node = self.nodes[index as usize];
             path.push((self.stamps_s[node.step as usize], node.pose));
-            index = node.parent;
+            index = self.links[index as usize].parent;
         }
         path.reverse();
         path
@@ -107,9 +136,8 @@ impl PathForest {
                 return front.len();
             }
             for index in &mut front {
-                let node = self.nodes[*index as usize];
-                if node.step as usize > step {
-                    *index = node.parent;
+                if self.nodes[*index as usize].step as usize > step {
+                    *index = self.links[*index as usize].parent;
                 }
             }
             front.retain(|index| *index != NONE);
