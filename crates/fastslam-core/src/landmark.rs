@@ -57,7 +57,6 @@ impl SensorPoses {
     /// `T_world_robot * T_robot_sensor` for every particle.
     pub fn set(&mut self, x: &[f64], y: &[f64], heading: &[f64], T_robot_sensor: Pose) {
         for column in [&mut self.x, &mut self.y, &mut self.heading] {
-            column.clear();
             column.resize(x.len(), 0.0);
         }
         let n = x.len();
@@ -240,46 +239,66 @@ pub fn correct_rows<M: MeasurementModel>(
     mask: Option<&[bool]>,
     log_likelihood: &mut [f64],
 ) {
-    match mask {
-        None => vectorized(
-            #[inline(always)]
-            || correct_where(model, poses, measured, rows, |_| true, log_likelihood),
-        ),
-        Some(mask) => {
-            let mask = &mask[..log_likelihood.len()];
-            vectorized(
-                #[inline(always)]
-                || correct_where(model, poses, measured, rows, |i| mask[i], log_likelihood),
-            );
-        }
-    }
+    Correction { model, poses, measured, mask }.apply(0, rows.columns(), log_likelihood);
 }
 
-#[inline(always)]
-fn correct_where<M: MeasurementModel>(
-    model: &M,
-    poses: &SensorPoses,
-    measured: Measured,
-    rows: RowsMut<'_>,
-    chosen: impl Fn(usize) -> bool,
-    log_likelihood: &mut [f64],
-) {
-    let n = log_likelihood.len();
-    let [count, mean_x, mean_y, xx, xy, yy] = rows.columns::<{ column::COUNT }>().map(|c| &mut c[..n]);
-    let (x, y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
-    for i in 0..n {
-        let before = Gaussian { mean: [mean_x[i], mean_y[i]], covariance: Symmetric2::new(xx[i], xy[i], yy[i]) };
-        let (after, fit) = correct(model, Pose::new(x[i], y[i], heading[i]), measured, before);
-        // Selections in place of branches: the loop must stay a straight line to become vector code.
-        let active = (count[i] != 0.0) & chosen(i);
-        let pick = |new: f64, old: f64| if active { new } else { old };
-        count[i] = pick(count[i] + 1.0, count[i]);
-        mean_x[i] = pick(after.mean[0], before.mean[0]);
-        mean_y[i] = pick(after.mean[1], before.mean[1]);
-        xx[i] = pick(after.covariance.xx, before.covariance.xx);
-        xy[i] = pick(after.covariance.xy, before.covariance.xy);
-        yy[i] = pick(after.covariance.yy, before.covariance.yy);
-        log_likelihood[i] += pick(fit.log_likelihood, 0.0);
+/// A sighting that corrects a landmark.
+#[derive(Clone, Copy, Debug)]
+pub struct Correction<'a, M> {
+    /// How the sensor measures.
+    pub model: &'a M,
+    /// Where the sensor is, of all particles.
+    pub poses: &'a SensorPoses,
+    /// What it measured.
+    pub measured: Measured,
+    /// The maps in which it corrects the landmark; all without one.
+    pub mask: Option<&'a [bool]>,
+}
+
+impl<M: MeasurementModel> Correction<'_, M> {
+    /// [`correct_rows`] for the particles from number `first` on, whose columns these are.
+    pub fn apply(&self, first: usize, rows: [&mut [f64]; column::COUNT], log_likelihood: &mut [f64]) {
+        let n = log_likelihood.len();
+        match self.mask {
+            None => vectorized(
+                #[inline(always)]
+                || self.correct_where(first, rows, |_| true, log_likelihood),
+            ),
+            Some(mask) => {
+                let mask = &mask[first..][..n];
+                vectorized(
+                    #[inline(always)]
+                    || self.correct_where(first, rows, |i| mask[i], log_likelihood),
+                );
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn correct_where(
+        &self,
+        first: usize,
+        rows: [&mut [f64]; column::COUNT],
+        chosen: impl Fn(usize) -> bool,
+        log_likelihood: &mut [f64],
+    ) {
+        let n = log_likelihood.len();
+        let [count, mean_x, mean_y, xx, xy, yy] = rows.map(|c| &mut c[..n]);
+        let [x, y, heading] = [&self.poses.x, &self.poses.y, &self.poses.heading].map(|c| &c[first..][..n]);
+        for i in 0..n {
+            let before = Gaussian { mean: [mean_x[i], mean_y[i]], covariance: Symmetric2::new(xx[i], xy[i], yy[i]) };
+            let (after, fit) = correct(self.model, Pose::new(x[i], y[i], heading[i]), self.measured, before);
+            // Selections in place of branches: the loop must stay a straight line to become vector code.
+            let active = (count[i] != 0.0) & chosen(i);
+            let pick = |new: f64, old: f64| if active { new } else { old };
+            count[i] = pick(count[i] + 1.0, count[i]);
+            mean_x[i] = pick(after.mean[0], before.mean[0]);
+            mean_y[i] = pick(after.mean[1], before.mean[1]);
+            xx[i] = pick(after.covariance.xx, before.covariance.xx);
+            xy[i] = pick(after.covariance.xy, before.covariance.xy);
+            yy[i] = pick(after.covariance.yy, before.covariance.yy);
+            log_likelihood[i] += pick(fit.log_likelihood, 0.0);
+        }
     }
 }
 

@@ -93,6 +93,29 @@ pub fn sum(count: usize, term: impl Fn(usize) -> f64) -> f64 {
     ((lanes[0] + lanes[1]) + (lanes[2] + lanes[3])) + ((lanes[4] + lanes[5]) + (lanes[6] + lanes[7]))
 }
 
+/// Several sums at once, each as [`sum`] makes it.
+#[inline(always)]
+pub fn sums<const N: usize>(count: usize, terms: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+    const LANES: usize = 8;
+    let mut lanes = [[0.0; LANES]; N];
+    let whole = count - count % LANES;
+    for first in (0..whole).step_by(LANES) {
+        for lane in 0..LANES {
+            let terms = terms(first + lane);
+            for which in 0..N {
+                lanes[which][lane] += terms[which];
+            }
+        }
+    }
+    for lane in 0..count - whole {
+        let terms = terms(whole + lane);
+        for which in 0..N {
+            lanes[which][lane] += terms[which];
+        }
+    }
+    lanes.map(|l| ((l[0] + l[1]) + (l[2] + l[3])) + ((l[4] + l[5]) + (l[6] + l[7])))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -119,6 +142,8 @@ mod tests {
     #[test]
     fn the_sum_has_all_terms() {
         for count in 0..40 {
+            let terms = |i: usize| [(i as f64).sin(), 1.0 / (i as f64 + 0.3)];
+            assert_eq!(sums(count, terms), [sum(count, |i| terms(i)[0]), sum(count, |i| terms(i)[1])]);
             assert_eq!(sum(count, |i| i as f64), (count * count.saturating_sub(1) / 2) as f64);
         }
     }

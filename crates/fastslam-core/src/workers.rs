@@ -4,6 +4,9 @@ use crate::error::{Error, Result};
 use rayon::ThreadPool;
 use std::sync::{Mutex, PoisonError};
 
+/// Particles of a part of a pass: a thread has more to do with them than to be told of them.
+pub const PART: usize = 4096;
+
 /// Something with an equal share for every particle that can be cut between two particles.
 pub trait Divide: Sized + Send {
     /// Number of particles.

@@ -92,55 +92,6 @@ impl Beliefs {
         );
     }
 
-    /// Refines every particle's belief by a sighting of a landmark, adding the sighting's log-likelihoods to
-    /// `log_likelihood`. Particles that lack the landmark keep their belief.
-    pub fn refine<M: MeasurementModel>(
-        &mut self,
-        model: &M,
-        T_robot_sensor: Pose,
-        measured: &Measured,
-        rows: &Rows<'_>,
-        log_likelihood: &mut [f64],
-    ) {
-        let n = log_likelihood.len();
-        let row = |c: usize| &rows.column(c)[..n];
-        let (count, x, y) = (row(column::SIGHTINGS), row(column::MEAN_X), row(column::MEAN_Y));
-        let (cov_xx, cov_xy, cov_yy) = (row(column::COV_XX), row(column::COV_XY), row(column::COV_YY));
-        let [px, py, ph, xx, xy, xh, yy, yh, hh] = self.columns.each_mut().map(Vec::as_mut_slice);
-        let (px, py, ph) = (&mut px[..n], &mut py[..n], &mut ph[..n]);
-        let (xx, xy, xh) = (&mut xx[..n], &mut xy[..n], &mut xh[..n]);
-        let (yy, yh, hh) = (&mut yy[..n], &mut yh[..n], &mut hh[..n]);
-        vectorized(
-            #[inline(always)]
-            || {
-                for i in 0..n {
-                    let before = Belief {
-                        mean: Pose::new(px[i], py[i], ph[i]),
-                        covariance: [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]],
-                    };
-                    let landmark =
-                        Gaussian { mean: [x[i], y[i]], covariance: Symmetric2::new(cov_xx[i], cov_xy[i], cov_yy[i]) };
-                    let mut after = before;
-                    let fit = after.refine(model, T_robot_sensor, &landmark, measured);
-                    // Selections in place of branches: the loop must stay a straight line to become vector code.
-                    let present = count[i] != 0.0;
-                    let pick = |new: f64, old: f64| if present { new } else { old };
-                    let [[a, b, c], [_, d, e], [_, _, f]] = after.covariance;
-                    log_likelihood[i] += pick(fit.log_likelihood, 0.0);
-                    px[i] = pick(after.mean.x, px[i]);
-                    py[i] = pick(after.mean.y, py[i]);
-                    ph[i] = pick(after.mean.heading, ph[i]);
-                    xx[i] = pick(a, xx[i]);
-                    xy[i] = pick(b, xy[i]);
-                    xh[i] = pick(c, xh[i]);
-                    yy[i] = pick(d, yy[i]);
-                    yh[i] = pick(e, yh[i]);
-                    hh[i] = pick(f, hh[i]);
-                }
-            },
-        );
-    }
-
     /// How well a sighting of a landmark fits in every map, as columns of log-likelihoods and squared Mahalanobis
     /// distances. Where a map lacks the landmark, what is written does not count.
     pub fn fit<M: MeasurementModel>(
@@ -211,19 +162,19 @@ impl Beliefs {
         )
     }
 
-    /// Draws a pose from every particle's belief; the covariance may be singular.
-    pub fn sample(&self, stream: Stream, x: &mut [f64], y: &mut [f64], heading: &mut [f64]) {
+    /// Draws poses from the beliefs of the particles from number `first` on; the covariance may be singular.
+    pub fn sample(&self, stream: Stream, first: usize, [x, y, heading]: [&mut [f64]; 3]) {
         let n = x.len();
         let (y, heading) = (&mut y[..n], &mut heading[..n]);
-        let [px, py, ph, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(Vec::as_slice);
-        let (px, py, ph) = (&px[..n], &py[..n], &ph[..n]);
-        let (xx, xy, xh, yy, yh, hh) = (&xx[..n], &xy[..n], &xh[..n], &yy[..n], &yh[..n], &hh[..n]);
+        let columns = self.columns.each_ref().map(|column| &column[first..][..n]);
+        let [px, py, ph, xx, xy, xh, yy, yh, hh] = columns;
         vectorized(
             #[inline(always)]
             || {
                 for i in 0..n {
-                    let [a, b] = stream.normal_pair(i as u32, 0);
-                    let [c, _] = stream.normal_pair(i as u32, 1);
+                    let particle = (first + i) as u32;
+                    let [a, b] = stream.normal_pair(particle, 0);
+                    let [c, _] = stream.normal_pair(particle, 1);
                     let belief = Belief {
                         mean: Pose::new(px[i], py[i], ph[i]),
                         covariance: [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]],
@@ -264,6 +215,61 @@ impl Beliefs {
     }
 }
 
+/// A sighting that refines beliefs.
+#[derive(Clone, Copy, Debug)]
+pub struct Refinement<'a, M> {
+    /// How the sensor measures.
+    pub model: &'a M,
+    /// Where the sensor is on the robot.
+    pub T_robot_sensor: Pose,
+    /// What it measured.
+    pub measured: &'a Measured,
+    /// The landmark, in all maps.
+    pub rows: Rows<'a>,
+}
+
+impl<M: MeasurementModel> Refinement<'_, M> {
+    /// Refines the beliefs of the particles from number `first` on by the sighting of the landmark, adding its
+    /// log-likelihoods to `log_likelihood`. Particles that lack the landmark keep their belief.
+    pub fn apply(&self, first: usize, columns: [&mut [f64]; COLUMNS], log_likelihood: &mut [f64]) {
+        let Self { model, T_robot_sensor, measured, rows } = *self;
+        let n = log_likelihood.len();
+        let row = |c: usize| &rows.column(c)[first..][..n];
+        let (count, x, y) = (row(column::SIGHTINGS), row(column::MEAN_X), row(column::MEAN_Y));
+        let (cov_xx, cov_xy, cov_yy) = (row(column::COV_XX), row(column::COV_XY), row(column::COV_YY));
+        let [px, py, ph, xx, xy, xh, yy, yh, hh] = columns.map(|column| &mut column[..n]);
+        vectorized(
+            #[inline(always)]
+            || {
+                for i in 0..n {
+                    let before = Belief {
+                        mean: Pose::new(px[i], py[i], ph[i]),
+                        covariance: [[xx[i], xy[i], xh[i]], [xy[i], yy[i], yh[i]], [xh[i], yh[i], hh[i]]],
+                    };
+                    let landmark =
+                        Gaussian { mean: [x[i], y[i]], covariance: Symmetric2::new(cov_xx[i], cov_xy[i], cov_yy[i]) };
+                    let mut after = before;
+                    let fit = after.refine(model, T_robot_sensor, &landmark, measured);
+                    // Selections in place of branches: the loop must stay a straight line to become vector code.
+                    let present = count[i] != 0.0;
+                    let pick = |new: f64, old: f64| if present { new } else { old };
+                    let [[a, b, c], [_, d, e], [_, _, f]] = after.covariance;
+                    log_likelihood[i] += pick(fit.log_likelihood, 0.0);
+                    px[i] = pick(after.mean.x, px[i]);
+                    py[i] = pick(after.mean.y, py[i]);
+                    ph[i] = pick(after.mean.heading, ph[i]);
+                    xx[i] = pick(a, xx[i]);
+                    xy[i] = pick(b, xy[i]);
+                    xh[i] = pick(c, xh[i]);
+                    yy[i] = pick(d, yy[i]);
+                    yh[i] = pick(e, yh[i]);
+                    hh[i] = pick(f, hh[i]);
+                }
+            },
+        );
+    }
+}
+
 /// A draw from N(mean, covariance) for three standard normal numbers, by Cholesky.
 ///
 /// **Why:** a pivot that rounding left at or below zero spans no uncertainty; the motion's covariance may be singular.
@@ -299,7 +305,7 @@ mod tests {
         let belief = Belief { mean: Pose::new(1.0, 2.0, 0.5), covariance };
         (0..n).for_each(|i| set_belief_in(&mut beliefs.columns_mut(), i, &belief));
         let (mut x, mut y, mut h) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        beliefs.sample(RandomSource::new(3).stream(Purpose::Proposal, 1), &mut x, &mut y, &mut h);
+        beliefs.sample(RandomSource::new(3).stream(Purpose::Proposal, 1), 0, [&mut x, &mut y, &mut h]);
         let columns = [x, y, h];
         let mean = columns.each_ref().map(|c| c.iter().sum::<f64>() / n as f64);
         for row in 0..3 {

@@ -1,10 +1,12 @@
 //! Steps in which every sighting has an identity: nothing to decide, and the same landmark for all particles.
 
+use super::beliefs::Refinement;
 use super::scan::ScanSighting;
 use super::{FastSlam, StepInfo};
 use crate::error::Result;
-use crate::landmark::{correct_rows, first_rows};
+use crate::landmark::{first_rows, Correction};
 use crate::measurement::MeasurementModel;
+use crate::workers::PART;
 
 impl<M: MeasurementModel> FastSlam<M> {
     /// FastSLAM 1.0 after its poses were sampled: correct and weigh, then resample.
@@ -43,8 +45,12 @@ impl<M: MeasurementModel> FastSlam<M> {
         for sighting in scan {
             let Some(slot) = self.known_slot(sighting) else { continue };
             let rows = self.landmarks.read(slot);
-            let log_likelihood = &mut self.log_likelihood;
-            self.beliefs.refine(&self.model, self.T_robot_sensor, &sighting.measured, &rows, log_likelihood);
+            let (model, T_robot_sensor) = (&self.model, self.T_robot_sensor);
+            let refinement = Refinement { model, T_robot_sensor, measured: &sighting.measured, rows };
+            let whole = (self.beliefs.columns_mut(), self.log_likelihood.as_mut_slice());
+            self.workers.share(whole, PART, &|first, (beliefs, log_likelihood)| {
+                refinement.apply(first, beliefs, log_likelihood);
+            });
         }
         self.weigh();
         self.weigh_resample_sample(&mut [], info)?;
@@ -60,9 +66,13 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Corrects a landmark in every map and adds to the log-likelihoods of the step.
     fn correct_all(&mut self, slot: u32, sighting: &ScanSighting) {
-        let (model, poses, log_likelihood) = (&self.model, &self.sensor_poses, &mut self.log_likelihood);
+        let Self { model, sensor_poses: poses, log_likelihood, workers, .. } = self;
+        let correction = Correction { model: &*model, poses: &*poses, measured: sighting.measured, mask: None };
         self.landmarks.update(slot, None, |rows| {
-            correct_rows(model, poses, sighting.measured, rows, None, log_likelihood);
+            let whole = (rows.columns(), log_likelihood.as_mut_slice());
+            workers.share(whole, PART, &|first, (rows, log_likelihood)| {
+                correction.apply(first, rows, log_likelihood);
+            });
         });
     }
 

@@ -27,7 +27,7 @@ use crate::random::{Purpose, RandomSource};
 use crate::resampling;
 use crate::store::StoreUsage;
 use crate::weights::Weights;
-use crate::workers::{PerThread, Workers};
+use crate::workers::{PerThread, Workers, PART};
 use beliefs::Beliefs;
 use landmarks::Landmarks;
 
@@ -226,7 +226,12 @@ impl<M: MeasurementModel> FastSlam<M> {
             Algorithm::Fastslam1 => {
                 let stream = self.random.stream(Purpose::Motion, self.controls);
                 let Particles { x, y, heading, .. } = &mut self.particles;
-                self.config.motion.sample(control, dt_s, stream, PoseColumns { first_particle: 0, x, y, heading });
+                let motion = &self.config.motion;
+                let whole = [x, y, heading].map(Vec::as_mut_slice);
+                self.workers.share(whole, PART, &|first, [x, y, heading]| {
+                    let first_particle = first as u32;
+                    motion.sample(control, dt_s, stream, PoseColumns { first_particle, x, y, heading });
+                });
             }
             _ => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
         }

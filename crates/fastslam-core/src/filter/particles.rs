@@ -3,7 +3,7 @@
 use crate::geometry::{Matrix3, Pose};
 use crate::math;
 use crate::resampling::follow;
-use crate::vector::sum;
+use crate::vector::sums;
 
 /// All particles, one number each per column.
 #[derive(Clone, Debug, Default)]
@@ -97,65 +97,37 @@ pub struct PoseEstimate {
 #[inline(always)]
 pub fn mixture(weights: &[f64], component: impl Fn(usize) -> (Pose, Matrix3)) -> PoseEstimate {
     let n = weights.len();
-    let x = sum(
+    let [x, y, sine, cosine] = sums(
         n,
         #[inline(always)]
-        |i| weights[i] * component(i).0.x,
-    );
-    let y = sum(
-        n,
-        #[inline(always)]
-        |i| weights[i] * component(i).0.y,
-    );
-    let sine = sum(
-        n,
-        #[inline(always)]
-        |i| weights[i] * math::sin_cos(component(i).0.heading).0,
-    );
-    let cosine = sum(
-        n,
-        #[inline(always)]
-        |i| weights[i] * math::sin_cos(component(i).0.heading).1,
+        |i| {
+            let (weight, (pose, _)) = (weights[i], component(i));
+            let (sine, cosine) = math::sin_cos(pose.heading);
+            [weight * pose.x, weight * pose.y, weight * sine, weight * cosine]
+        },
     );
     let mean = Pose::new(x, y, math::atan2(sine, cosine));
-    let xx = sum(
+    let [xx, xy, xh, yy, yh, hh] = sums(
         n,
         #[inline(always)]
-        |i| spread(weights[i], &component(i), &mean, [0, 0]),
-    );
-    let xy = sum(
-        n,
-        #[inline(always)]
-        |i| spread(weights[i], &component(i), &mean, [0, 1]),
-    );
-    let xh = sum(
-        n,
-        #[inline(always)]
-        |i| spread(weights[i], &component(i), &mean, [0, 2]),
-    );
-    let yy = sum(
-        n,
-        #[inline(always)]
-        |i| spread(weights[i], &component(i), &mean, [1, 1]),
-    );
-    let yh = sum(
-        n,
-        #[inline(always)]
-        |i| spread(weights[i], &component(i), &mean, [1, 2]),
-    );
-    let hh = sum(
-        n,
-        #[inline(always)]
-        |i| spread(weights[i], &component(i), &mean, [2, 2]),
+        |i| spread(weights[i], &component(i), &mean),
     );
     PoseEstimate { mean, covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
 }
 
-/// What one Gaussian adds to an entry (row, column) of the covariance of a mixture.
+/// What one Gaussian adds to the covariance of a mixture: xx, xy, xh, yy, yh, hh.
 #[inline(always)]
-fn spread(weight: f64, (pose, within): &(Pose, Matrix3), mean: &Pose, [row, col]: [usize; 2]) -> f64 {
-    let d = [pose.x - mean.x, pose.y - mean.y, math::wrap_angle(pose.heading - mean.heading)];
-    weight * (within[row][col] + d[row] * d[col])
+fn spread(weight: f64, (pose, within): &(Pose, Matrix3), mean: &Pose) -> [f64; 6] {
+    let (x, y, h) = (pose.x - mean.x, pose.y - mean.y, math::wrap_angle(pose.heading - mean.heading));
+    let [[xx, xy, xh], [_, yy, yh], [_, _, hh]] = *within;
+    [
+        weight * (xx + x * x),
+        weight * (xy + x * y),
+        weight * (xh + x * h),
+        weight * (yy + y * y),
+        weight * (yh + y * h),
+        weight * (hh + h * h),
+    ]
 }
 
 #[cfg(test)]

@@ -6,11 +6,11 @@ use super::{FastSlam, Particles, StepInfo};
 use crate::association::{decide, fast, CandidateTable, Decision, ParticleHypothesis};
 use crate::config::Algorithm;
 use crate::error::Result;
-use crate::landmark::{column, correct_rows, first_rows};
+use crate::landmark::{column, first_rows, Correction};
 use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
 use crate::random::Purpose;
-use crate::workers::Shares;
+use crate::workers::{Shares, PART};
 
 pub(super) use crate::association::ScanSighting;
 
@@ -136,7 +136,8 @@ impl<M: MeasurementModel> FastSlam<M> {
         if self.config.algorithm == Algorithm::Fastslam2 {
             let stream = self.random.stream(Purpose::Proposal, self.samplings);
             let Particles { x, y, heading, .. } = &mut self.particles;
-            self.beliefs.sample(stream, x, y, heading);
+            let (beliefs, whole) = (&self.beliefs, [x, y, heading].map(Vec::as_mut_slice));
+            self.workers.share(whole, PART, &|first, poses| beliefs.sample(stream, first, poses));
             self.pending = MotionGaussian::default();
         }
         self.samplings += 1;
@@ -197,14 +198,19 @@ impl<M: MeasurementModel> FastSlam<M> {
                 continue;
             }
             let slot = table.slots[candidate as usize];
-            let (model, poses, log_likelihood) = (&self.model, &self.sensor_poses, &mut self.log_likelihood);
+            let Self { model, sensor_poses: poses, log_likelihood, workers, .. } = self;
             log_likelihood.resize(mask.len(), 0.0);
+            let correction =
+                Correction { model: &*model, poses: &*poses, measured: sighting.measured, mask: Some(&mask) };
             self.landmarks.update(slot, Some(&mask), |mut rows| {
                 if let Some(mark) = mark {
                     let column = rows.column(column::IDENTITY);
                     (0..mask.len()).filter(|i| mask[*i]).for_each(|i| column[i] = mark);
                 }
-                correct_rows(model, poses, sighting.measured, rows, Some(&mask), log_likelihood);
+                let whole = (rows.columns(), log_likelihood.as_mut_slice());
+                workers.share(whole, PART, &|first, (rows, log_likelihood)| {
+                    correction.apply(first, rows, log_likelihood);
+                });
             });
             if let Some(identity) = sighting.identity {
                 self.landmarks.mark_identity(slot, identity);

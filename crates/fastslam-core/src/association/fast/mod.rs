@@ -144,7 +144,8 @@ impl<M: MeasurementModel> Block<'_, '_, M> {
                 column[..count].copy_from_slice(mine(index));
             }
         }
-        (pairs.clear(), first_pair.clear());
+        pairs.clear();
+        first_pair.clear();
         for candidates in &table.of_sighting {
             first_pair.push(pairs.len() as u32);
             pairs.extend_from_slice(candidates);
