@@ -282,12 +282,13 @@ impl<M: MeasurementModel> Correction<'_, M> {
         chosen: impl Fn(usize) -> bool,
         log_likelihood: &mut [f64],
     ) {
+        let Self { model, poses, measured, .. } = *self;
         let n = log_likelihood.len();
         let [count, mean_x, mean_y, xx, xy, yy] = rows.map(|c| &mut c[..n]);
-        let [x, y, heading] = [&self.poses.x, &self.poses.y, &self.poses.heading].map(|c| &c[first..][..n]);
+        let [x, y, heading] = [&poses.x, &poses.y, &poses.heading].map(|c| &c[first..][..n]);
         for i in 0..n {
             let before = Gaussian { mean: [mean_x[i], mean_y[i]], covariance: Symmetric2::new(xx[i], xy[i], yy[i]) };
-            let (after, fit) = correct(self.model, Pose::new(x[i], y[i], heading[i]), self.measured, before);
+            let (after, fit) = correct(model, Pose::new(x[i], y[i], heading[i]), measured, before);
             // Selections in place of branches: the loop must stay a straight line to become vector code.
             let active = (count[i] != 0.0) & chosen(i);
             let pick = |new: f64, old: f64| if active { new } else { old };

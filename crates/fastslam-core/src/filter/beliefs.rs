@@ -233,6 +233,7 @@ impl<M: MeasurementModel> Refinement<'_, M> {
     /// log-likelihoods to `log_likelihood`. Particles that lack the landmark keep their belief.
     pub fn apply(&self, first: usize, columns: [&mut [f64]; COLUMNS], log_likelihood: &mut [f64]) {
         let Self { model, T_robot_sensor, measured, rows } = *self;
+        let measured = *measured;
         let n = log_likelihood.len();
         let row = |c: usize| &rows.column(c)[first..][..n];
         let (count, x, y) = (row(column::SIGHTINGS), row(column::MEAN_X), row(column::MEAN_Y));
@@ -249,7 +250,7 @@ impl<M: MeasurementModel> Refinement<'_, M> {
                     let landmark =
                         Gaussian { mean: [x[i], y[i]], covariance: Symmetric2::new(cov_xx[i], cov_xy[i], cov_yy[i]) };
                     let mut after = before;
-                    let fit = after.refine(model, T_robot_sensor, &landmark, measured);
+                    let fit = after.refine(model, T_robot_sensor, &landmark, &measured);
                     // Selections in place of branches: the loop must stay a straight line to become vector code.
                     let present = count[i] != 0.0;
                     let pick = |new: f64, old: f64| if present { new } else { old };
