@@ -18,7 +18,7 @@ const MAPPING: usize = 80;
 const STEPS: usize = 160;
 
 fn main() {
-    let particles = std::env::args().filter_map(|argument| argument.parse().ok()).next().unwrap_or(100_000);
+    let particles = argument().unwrap_or(100_000);
     let preset = SimulationConfig::preset("headline").expect("a preset");
     let mut simulation = preset.with_landmarks(100).expect("a world of any size");
     simulation.sensor.max_range_m = 7.1;
@@ -39,6 +39,12 @@ fn main() {
         config.algorithm = algorithm;
         compare(&config, &log);
     }
+}
+
+/// The size that was asked for.
+fn argument() -> Option<u32> {
+    let quick = std::env::args().any(|argument| argument == "--quick");
+    std::env::args().filter_map(|argument| argument.parse().ok()).next().or(quick.then_some(10_000))
 }
 
 /// Runs the filters over the log and prints what their steps took.

@@ -15,7 +15,7 @@ use std::time::Instant;
 const PARTICLES: u32 = 250;
 
 fn main() {
-    let landmarks = std::env::args().filter_map(|argument| argument.parse().ok()).next().unwrap_or(50_000);
+    let landmarks = argument().unwrap_or(50_000);
     let simulation = SimulationConfig::preset("headline").expect("a preset").with_landmarks(landmarks);
     let simulated = simulate(&simulation.expect("a world of any size")).expect("a valid simulation");
     let seen = &simulated.sightings;
@@ -32,6 +32,12 @@ fn main() {
     for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
         compare(algorithm, &config, &log);
     }
+}
+
+/// The size that was asked for.
+fn argument() -> Option<u32> {
+    let quick = std::env::args().any(|argument| argument == "--quick");
+    std::env::args().filter_map(|argument| argument.parse().ok()).next().or(quick.then_some(1000))
 }
 
 /// Runs both filters over the log and prints what their steps took.
