@@ -84,6 +84,30 @@ impl PathForest {
         self.release();
     }
 
+    /// All paths become one, `poses`, but for the last pose, which `last` gives for each particle.
+    ///
+    /// `poses` has one pose for every [`PathForest::extend`] so far, the last included.
+    pub fn replace(&mut self, poses: &[Pose], last: impl Fn(usize) -> Pose) {
+        self.nodes.clear();
+        self.links.clear();
+        self.free.clear();
+        let Some(trunk) = poses.len().checked_sub(1) else { return };
+        for (step, &pose) in poses[..trunk].iter().enumerate() {
+            let parent = step.checked_sub(1).map_or(NONE, |parent| parent as u32);
+            self.nodes.push(Node { pose, step: step as u32 });
+            self.links.push(Link { parent, holders: 1 });
+        }
+        let parent = trunk.checked_sub(1).map_or(NONE, |parent| parent as u32);
+        if parent != NONE {
+            self.links[parent as usize].holders = self.tips.len() as u32;
+        }
+        for (particle, tip) in self.tips.iter_mut().enumerate() {
+            *tip = self.nodes.len() as u32;
+            self.nodes.push(Node { pose: last(particle), step: trunk as u32 });
+            self.links.push(Link { parent, holders: 1 });
+        }
+    }
+
     /// Takes one holder from each node of `letting_go`, and forgets those that nobody holds any more.
     ///
     /// **Why level by level:** with many particles every look at a link misses the cache; here one does not wait for

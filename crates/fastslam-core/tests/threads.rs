@@ -25,7 +25,7 @@ fn run(algorithm: Algorithm, identities: Identities, threads: u32) -> (Vec<u64>,
             filter.predict([1.0, 0.0, 0.0], 1.0).unwrap();
         }
         let see = |n: u32| {
-            let (dx, dy) = (3.0 * f64::from(n) - f64::from(step), if n % 2 == 0 { 4.0 } else { -5.0 });
+            let (dx, dy) = (3.0 * f64::from(n) - f64::from(step), if n.is_multiple_of(2) { 4.0 } else { -5.0 });
             let identity = (identities == Identities::All).then_some(n);
             Sighting::range_bearing(dx.hypot(dy) + 0.02 * f64::from(n), dy.atan2(dx), identity)
         };

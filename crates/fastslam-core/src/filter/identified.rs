@@ -31,6 +31,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.restart_weights();
         }
         self.samplings += 1;
+        self.remember_identified(scan);
         Ok(())
     }
 
@@ -61,6 +62,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             };
             self.correct_all(slot, sighting);
         }
+        self.remember_identified(scan);
         Ok(())
     }
 

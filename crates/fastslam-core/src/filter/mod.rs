@@ -7,6 +7,7 @@ mod extent;
 mod identified;
 mod landmarks;
 mod particles;
+mod rejuvenation;
 mod scan;
 mod usable;
 
@@ -30,6 +31,7 @@ use crate::weights::Weights;
 use crate::workers::{PerThread, Workers, PART};
 use beliefs::Beliefs;
 use landmarks::Landmarks;
+use rejuvenation::Rejuvenation;
 
 /// One detection of a landmark.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +74,8 @@ pub struct StepInfo {
     pub log_likelihood: f64,
     /// Landmarks in the map of the best particle.
     pub landmarks: u32,
+    /// Whether all particles were drawn anew from the posterior over paths.
+    pub rejuvenated: bool,
     /// Whether the poses are samples now; without sightings FastSLAM 2.0 waits.
     pub sampled: bool,
 }
@@ -124,6 +128,8 @@ pub struct FastSlam<M = RangeBearing> {
     landmarks: Landmarks,
     workers: Workers,
     path: PathForest,
+    /// What is remembered to draw paths anew; only when that is configured.
+    rejuvenation: Option<Rejuvenation>,
     weights: Weights,
     ancestor_indices: Vec<u32>,
     sensor_poses: SensorPoses,
@@ -141,6 +147,8 @@ pub struct FastSlam<M = RangeBearing> {
     former_decisions: Vec<Decision>,
     /// For one sighting, the numbers of the decisions and whether they are the one at hand; kept for their memory.
     decided: Vec<u32>,
+    /// Landmarks that there were before each sighting of the scan; kept for its memory.
+    births: Vec<u64>,
     mask: Vec<bool>,
     /// Landmarks that the scan may show; kept for its memory.
     slots: Vec<u32>,
@@ -188,6 +196,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             samplings: 0,
             steps: 0,
             path: PathForest::new(particles),
+            rejuvenation: (config.filter.rejuvenation.every_steps > 0).then(|| Rejuvenation::new(particles)),
             weights: Weights { values: vec![1.0 / particles as f64; particles], ..Weights::default() },
             ancestor_indices: Vec::with_capacity(particles),
             sensor_poses: SensorPoses::default(),
@@ -199,6 +208,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             decisions: Vec::new(),
             former_decisions: Vec::new(),
             decided: Vec::new(),
+            births: Vec::new(),
             mask: Vec::new(),
             slots: Vec::new(),
             log_likelihood: Vec::with_capacity(particles),
@@ -235,6 +245,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
             _ => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
         }
+        self.remember_motion(control, dt_s);
         self.controls += 1;
         Ok(())
     }
@@ -254,6 +265,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         if info.sampled {
             let particles = &self.particles;
             self.path.extend(stamp_s, |i| particles.pose(i));
+            self.remember_step();
+            if self.rejuvenation_is_due() {
+                info.rejuvenated = self.rejuvenate();
+            }
         }
         info.landmarks = self.particles.landmarks[self.particles.best()];
         self.steps += 1;
@@ -334,6 +349,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.particles.resample(&self.ancestor_indices);
         self.landmarks.resample(&self.ancestor_indices);
         self.path.resample(&self.ancestor_indices);
+        self.resample_history();
         info.resampled = true;
         true
     }

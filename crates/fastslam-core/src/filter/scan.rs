@@ -27,16 +27,19 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.decide(scan, &table, &mut decisions);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.landmarks.births();
-        let mut decided = std::mem::take(&mut self.decided);
+        let (mut decided, mut births) = (std::mem::take(&mut self.decided), std::mem::take(&mut self.births));
+        births.clear();
         for (j, sighting) in scan.iter().enumerate() {
+            births.push(self.landmarks.births());
             decided.clear();
             decided.extend(decisions.iter().skip(j).step_by(scan.len()).map(Decision::number));
             self.correct_decided((j, sighting), &decided, &table, info);
         }
+        self.remember_decided(scan, &decisions, &table, &births);
         if self.removes_landmarks() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
         }
-        (self.table, self.decisions, self.decided) = (table, decisions, decided);
+        (self.table, self.decisions, self.decided, self.births) = (table, decisions, decided, births);
         Ok(())
     }
 
