@@ -19,6 +19,10 @@ SECONDS_PER_LANDMARK = 0.76
 """The first sweep over a world at the headline's density (0.05 landmarks per m², 2 m/s) takes 0.73 s each."""
 
 
+FEWEST_STEPS = 8
+"""Steps with the same number of sightings that are worth a least and a median."""
+
+
 @dataclass(frozen=True)
 class Case:
     """One configuration. `extra_s` is how long the robot goes on once it has seen the whole world."""
@@ -45,6 +49,8 @@ class Measurement:
     ns_per_particle_sighting: tuple[float, float, float]
     """The same of the step's time over particles and sightings."""
     sightings_per_step: float
+    step_us_of_count: dict[int, tuple[float, float]]
+    """Least and median step among those with the same number of sightings, where there are enough."""
     steady_steps: int
     sightings: int
     filter_seconds: float
@@ -98,6 +104,7 @@ def measure(case: Case) -> Measurement:
         step_us=_summary(latency_us),
         ns_per_particle_sighting=_summary(each_ns),
         sightings_per_step=float(steps.sightings[steady].mean()),
+        step_us_of_count=_by_count(latency_us, steps.sightings[steady]),
         steady_steps=int(steady.sum()),
         sightings=len(log.sightings.stamp_s),
         filter_seconds=result.filter_seconds,
@@ -111,6 +118,30 @@ def measure(case: Case) -> Measurement:
 
 def _summary(values: np.ndarray) -> tuple[float, float, float]:
     return float(values.min()), float(np.median(values)), float(np.quantile(values, 0.99))
+
+
+def _by_count(latency_us: np.ndarray, sightings: np.ndarray) -> dict[int, tuple[float, float]]:
+    chosen = {int(n): latency_us[sightings == n] for n in np.unique(sightings)}
+    return {
+        n: (float(times.min()), float(np.median(times)))
+        for n, times in chosen.items()
+        if len(times) >= FEWEST_STEPS
+    }
+
+
+def matched_ratio(large: Measurement, small: Sequence[Measurement]) -> tuple[float, float]:
+    """How many times as long a whole step takes, least and median, among steps with equally many sightings.
+
+    **Why:** a small world is seen from its edge more often, so its mean step has fewer sightings. Ratios are
+    averaged over the numbers of sightings that all cases have.
+    """
+    tables = [one.step_us_of_count for one in small]
+    counts = sorted(set(large.step_us_of_count).intersection(*tables))
+    if not counts:
+        raise RuntimeError(f"{large.case} and {small[0].case} have no number of sightings in common")
+    least = [large.step_us_of_count[n][0] / min(table[n][0] for table in tables) for n in counts]
+    median = [large.step_us_of_count[n][1] / np.mean([table[n][1] for table in tables]) for n in counts]
+    return float(np.mean(least)), float(np.mean(median))
 
 
 def measure_all(cases: Sequence[Case], *, label: str) -> list[Measurement]:

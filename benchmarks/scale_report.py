@@ -15,7 +15,7 @@ matplotlib.use("Agg")
 import fastslam
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
-from scale_cases import Measurement
+from scale_cases import Measurement, matched_ratio
 
 STORES = {"lineage": "C0", "tree": "C1", "dense": "C2"}
 
@@ -98,20 +98,18 @@ processes took."""
 
 def _targets(sweep: Sweep) -> str:
     small, large, again = sweep.ratio
-    least = min(small.step_us[0], again.step_us[0])
-    median = 0.5 * (small.step_us[1] + again.step_us[1])
     known = {m.case.algorithm: m for m in sweep.headline if m.case.association == "known" and not _is_tree(m)}
     unknown = {m.case.algorithm: m for m in sweep.headline if m.case.association == "unknown"}
     tree = next(m for m in sweep.headline if _is_tree(m))
     many = sweep.many_particles
     rows = [
         (
-            f"step at K = {large.case.landmarks:,} over step at K = {small.case.landmarks:,}",
-            f"{_step_ratio(large.ns_per_particle_sighting[0], small, again, 0):.2f} (least, per sighting), "
-            f"{_step_ratio(large.ns_per_particle_sighting[1], small, again, 1):.2f} (median, per sighting), "
-            f"{large.step_us[0] / least:.2f} and {large.step_us[1] / median:.2f} (whole steps)",
+            f"whole step at K = {large.case.landmarks:,} over that at K = {small.case.landmarks:,}, "
+            "equally many sightings",
+            _growth(large, [small, again]),
             "≤ 1.3",
         ),
+        *_store_rows(sweep.by_landmarks),
         ("ns per particle and sighting, whole step, 1.0", _pair(known["fastslam1"]), "≤ 30"),
         ("ns per particle and sighting, whole step, 2.0", _pair(known["fastslam2"]), ""),
         *(
@@ -145,8 +143,18 @@ def _targets(sweep: Sweep) -> str:
     return "## Against the targets\n\n" + _markdown(("what", "measured", "wanted"), rows)
 
 
-def _step_ratio(value: float, small: Measurement, again: Measurement, index: int) -> float:
-    return 2.0 * value / (small.ns_per_particle_sighting[index] + again.ns_per_particle_sighting[index])
+def _growth(large: Measurement, small: Sequence[Measurement]) -> str:
+    least, median = matched_ratio(large, small)
+    return f"{least:.2f} (least), {median:.2f} (median)"
+
+
+def _store_rows(measurements: Sequence[Measurement]) -> Iterable[tuple[str, str, str]]:
+    """The same growth for the other stores, from their smallest map of a thousand or so to their largest."""
+    for store in ("tree", "dense"):
+        own = [m for m in measurements if m.case.store == store]
+        small, large = own[0 if len(own) < 3 else 1], own[-1]
+        sizes = f"K = {large.case.landmarks:,} over K = {small.case.landmarks:,}"
+        yield f"the same of {store}, {sizes}", _growth(large, [small]), ""
 
 
 def _is_tree(measurement: Measurement) -> bool:

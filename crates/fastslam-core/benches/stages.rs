@@ -177,6 +177,25 @@ fn kernels(c: &mut Criterion) {
                 );
             });
         });
+        group.bench_function(BenchmarkId::new("correction, an array of structures", format!("{level:?}")), |b| {
+            let mut rows = vec![[5.0, 0.5, 0.1, 0.01, 0.1, 0.0]; M];
+            b.iter(|| {
+                let (x, rows) = (&black_box(&x)[..M], &mut rows[..M]);
+                vectorized_at(
+                    level,
+                    #[inline(always)]
+                    || {
+                        for (x, row) in x.iter().zip(rows) {
+                            let covariance = Symmetric2::new(row[2], row[3], row[4]);
+                            let before = Gaussian { mean: [row[0], row[1]], covariance };
+                            let (after, how) = correct(&model, Pose::new(*x, *x, *x), measured, before);
+                            let s = after.covariance;
+                            *row = [after.mean[0], after.mean[1], s.xx, s.xy, s.yy, how.log_likelihood];
+                        }
+                    },
+                );
+            });
+        });
         group.bench_function(BenchmarkId::new("atan2 + ln, polynomials", format!("{level:?}")), |b| {
             let mut out = vec![0.0; M];
             b.iter(|| {
@@ -189,6 +208,19 @@ fn kernels(c: &mut Criterion) {
             });
         });
     }
+    group.bench_function("correction, one particle after the other", |b| {
+        let mut rows = vec![[5.0, 0.5, 0.1, 0.01, 0.1, 0.0]; M];
+        b.iter(|| {
+            for (x, row) in black_box(&x).iter().zip(&mut rows) {
+                let before = Gaussian { mean: [row[0], row[1]], covariance: Symmetric2::new(row[2], row[3], row[4]) };
+                // Nothing is known of the number, so that each particle is done alone.
+                let x = black_box(*x);
+                let (after, how) = correct(&model, Pose::new(x, x, x), measured, before);
+                let s = after.covariance;
+                *row = [after.mean[0], after.mean[1], s.xx, s.xy, s.yy, how.log_likelihood];
+            }
+        });
+    });
     group.bench_function("atan2 + ln, system library", |b| {
         let mut out = vec![0.0; M];
         b.iter(|| {

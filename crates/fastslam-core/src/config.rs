@@ -51,7 +51,7 @@ pub struct FilterConfig {
     pub particles: u32,
     /// How the maps are stored; changes speed and memory, never a result.
     pub store: StoreKind,
-    /// Worker threads, which share the particles' decisions about associations; they change speed, never a result.
+    /// Worker threads, which share the particles among them; they change speed, never a result.
     pub threads: u32,
     /// When and how to resample.
     pub resampling: ResamplingConfig,
