@@ -231,7 +231,8 @@ pub struct Measured {
 }
 
 /// Corrects a landmark in all maps (those in `mask`), adding one to its sightings, and adds the log-likelihood of the
-/// sighting before the correction to `log_likelihood`.
+/// sighting before the correction to `log_likelihood`. Returns how many covariances were repaired: one that rounding
+/// has made indefinite is as it was before the sighting.
 pub fn correct_rows<M: MeasurementModel>(
     model: &M,
     poses: &SensorPoses,
@@ -239,7 +240,7 @@ pub fn correct_rows<M: MeasurementModel>(
     rows: RowsMut<'_>,
     mask: Option<&[bool]>,
     log_likelihood: &mut [f64],
-) {
+) -> u32 {
     match mask {
         None => vectorized(
             #[inline(always)]
@@ -250,7 +251,7 @@ pub fn correct_rows<M: MeasurementModel>(
             vectorized(
                 #[inline(always)]
                 || correct_where(model, poses, measured, rows, |i| mask[i], log_likelihood),
-            );
+            )
         }
     }
 }
@@ -263,7 +264,8 @@ fn correct_where<M: MeasurementModel>(
     rows: RowsMut<'_>,
     chosen: impl Fn(usize) -> bool,
     log_likelihood: &mut [f64],
-) {
+) -> u32 {
+    let mut repaired = 0;
     let n = log_likelihood.len();
     let [count, mean_x, mean_y, xx, xy, yy] = rows.columns::<{ column::COUNT }>().map(|c| &mut c[..n]);
     let (x, y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
@@ -276,11 +278,16 @@ fn correct_where<M: MeasurementModel>(
         count[i] = pick(count[i] + 1.0, count[i]);
         mean_x[i] = pick(after.mean[0], before.mean[0]);
         mean_y[i] = pick(after.mean[1], before.mean[1]);
-        xx[i] = pick(after.covariance.xx, before.covariance.xx);
-        xy[i] = pick(after.covariance.xy, before.covariance.xy);
-        yy[i] = pick(after.covariance.yy, before.covariance.yy);
+        let Symmetric2 { xx: a, xy: b, yy: c } = after.covariance;
+        let definite = (a > 0.0) & (a * c - b * b > 0.0);
+        repaired += u32::from(active & !definite);
+        let sound = |new: f64, old: f64| if active & definite { new } else { old };
+        xx[i] = sound(a, before.covariance.xx);
+        xy[i] = sound(b, before.covariance.xy);
+        yy[i] = sound(c, before.covariance.yy);
         log_likelihood[i] += pick(fit.log_likelihood, 0.0);
     }
+    repaired
 }
 
 /// The rows of a new landmark in all maps (those in `mask`; absent in the others), columns one after the other.

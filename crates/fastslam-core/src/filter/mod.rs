@@ -1,16 +1,23 @@
 //! The filter: particles over paths, and per particle a map of small Gaussians.
 
+mod adaptive;
 mod beliefs;
 mod estimate;
+mod examine;
 mod existence;
+pub(crate) mod health;
 mod identified;
+pub(crate) mod innovations;
 mod landmarks;
+pub(crate) mod noise_check;
 mod particles;
 mod scan;
 mod usable;
 
 pub use estimate::{MapEstimate, MapLandmark};
+pub use health::{Health, HealthReason, HealthStatus};
 pub use landmarks::Identities;
+pub use noise_check::{Noise, NoiseReport, NoiseWarning, NoiseWarnings};
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
@@ -27,6 +34,7 @@ use crate::resampling;
 use crate::store::StoreUsage;
 use crate::weights::Weights;
 use beliefs::Beliefs;
+use health::{View, Vitals, Watch};
 use landmarks::Landmarks;
 
 /// One detection of a landmark.
@@ -72,6 +80,20 @@ pub struct StepInfo {
     pub landmarks: u32,
     /// Whether the poses are samples now; without sightings FastSLAM 2.0 waits.
     pub sampled: bool,
+    /// Number of particles after the step.
+    pub particles: u32,
+    /// Sightings that the best particle took for landmarks of its map.
+    pub matched: u32,
+    /// Landmark covariances that lost definiteness and were repaired, over all particles.
+    pub repaired: u32,
+    /// Mean normalised innovation squared per sighting over the sliding window; 2 is expected, 0 before the first.
+    pub nis: f64,
+    /// What holds 95 % of such means when the noise is right.
+    pub nis_band: [f64; 2],
+    /// How the configured noise contradicts the sliding window.
+    pub noise_warnings: NoiseWarnings,
+    /// Whether the estimate can be believed.
+    pub health: Health,
 }
 
 /// Sightings that could not be used, by reason.
@@ -135,6 +157,12 @@ pub struct FastSlam<M = RangeBearing> {
     log_likelihood: Vec<f64>,
     estimate: PoseEstimate,
     scratch: Vec<f64>,
+    /// Whether all this can be believed.
+    watch: Watch,
+    /// What the sliding window said of the noise when it was last looked at.
+    noise_report: NoiseReport,
+    /// Landmarks of the map that the scan should have shown, where that was looked at.
+    map_in_view: Option<health::MapInView>,
 }
 
 impl FastSlam {
@@ -184,6 +212,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             scratch: Vec::new(),
+            watch: Watch::new(config.health, View::of(&config)),
+            noise_report: NoiseReport::default(),
+            map_in_view: None,
             identities,
             model,
             rules,
@@ -240,6 +271,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.path.extend(stamp_s, |i| particles.pose(i));
         }
         info.landmarks = self.particles.landmarks[self.particles.best()];
+        self.judge_health(stamp_s, &mut info);
         self.steps += 1;
         Ok(info)
     }
@@ -252,8 +284,14 @@ impl<M: MeasurementModel> FastSlam<M> {
                 self.estimate_beliefs();
                 Ok(())
             }
-            (Algorithm::Fastslam1, Identities::All) => self.step_identified_1(scan, info),
-            (Algorithm::Fastslam2, Identities::All) => self.step_identified_2(scan, info),
+            (algorithm, Identities::All) => {
+                self.examine_identified(scan);
+                if algorithm == Algorithm::Fastslam1 {
+                    self.step_identified_1(scan, info)
+                } else {
+                    self.step_identified_2(scan, info)
+                }
+            }
             _ => self.step_associating(scan, info),
         }
     }
@@ -285,11 +323,41 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         let stream = self.random.stream(Purpose::Resampling, self.samplings);
         resampling::resample(settings.scheme, &self.weights.values, count, stream, &mut self.ancestor_indices);
+        let most = self.config.filter.particles as usize;
+        let enough = self.config.filter.adaptive.count(&self.particles, &self.ancestor_indices, most);
+        if enough != count {
+            resampling::resample(settings.scheme, &self.weights.values, enough, stream, &mut self.ancestor_indices);
+        }
         self.particles.resample(&self.ancestor_indices);
         self.landmarks.resample(&self.ancestor_indices);
         self.path.resample(&self.ancestor_indices);
         info.resampled = true;
         true
+    }
+
+    /// Gives the verdict on a step.
+    fn judge_health(&mut self, stamp_s: f64, info: &mut StepInfo) {
+        info.particles = self.particles.len() as u32;
+        info.matched = self.watch.matches() as u32;
+        if self.examines() && info.matched > 0 {
+            self.noise_report = self.watch.noise.of_window();
+        }
+        (info.nis, info.nis_band) = (self.noise_report.nis, self.noise_report.band);
+        info.noise_warnings = self.noise_report.warnings;
+        let vitals = Vitals {
+            stamp_s,
+            particles: self.particles.len(),
+            effective_sample_size: info.effective_sample_size,
+            pose: self.estimate,
+            map_in_view: self.map_in_view.take(),
+        };
+        let model = &self.model;
+        info.health = self.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
+    }
+
+    /// What the innovations of the whole run say of the configured noise.
+    pub fn noise_report(&self) -> NoiseReport {
+        self.watch.noise.of_run()
     }
 
     /// Mean and covariance of the pose, motion since the last sampling included.
