@@ -157,8 +157,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
     }
 
     /// Takes note of a sighting of a known landmark. Of the noises together, as the joint state does not keep them apart.
-    fn examine(&mut self, view: &View, sighting: &ScanSighting) {
-        self.watch.matched(std::iter::once(sighting.measured.value), 0);
+    fn examine(&mut self, index: u32, view: &View, sighting: &ScanSighting) {
+        self.watch.matched(std::iter::once((sighting.measured.value, u64::from(index))), 0);
         let mut scan = PredictedScan { size: 2, ..PredictedScan::default() };
         scan.innovation[..2].copy_from_slice(&view.innovation);
         let Symmetric2 { xx, xy, yy } = view.s;
@@ -177,7 +177,9 @@ impl<M: MeasurementModel> EkfSlam<M> {
             let report = self.watch.noise.of_window();
             (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
         }
-        let vitals = Vitals { stamp_s, particles: 1, effective_sample_size: 1.0, pose: self.pose(), map_in_view: None };
+        let births_before = self.landmarks.len() as u64 - u64::from(info.new_landmarks);
+        let (particles, effective_sample_size, pose) = (1, 1.0, self.pose());
+        let vitals = Vitals { stamp_s, particles, effective_sample_size, pose, births_before, map_in_view: None };
         let model = &self.model;
         info.health = self.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
     }
@@ -256,7 +258,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let measured = &sighting.measured;
         let view = self.view(index, measured);
         let fit = fit_with_tail(view.innovation, view.s, measured.tail);
-        self.examine(&view, sighting);
+        self.examine(index, &view, sighting);
         let more = measured.noise.scaled(measured.tail.noise_scale(fit.mahalanobis_squared) - 1.0);
         let s = Symmetric2::new(view.s.xx + more.xx, view.s.xy + more.xy, view.s.yy + more.yy);
         if !s.is_positive_definite() {

@@ -36,7 +36,8 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub(super) fn examine_identified(&mut self, scan: &[ScanSighting]) {
         let known: Vec<(u32, &ScanSighting)> =
             scan.iter().filter_map(|sighting| Some((self.known_slot(sighting)?, sighting))).collect();
-        self.watch.matched(known.iter().map(|(_, sighting)| sighting.measured.value), scan.len());
+        let births = known.iter().map(|(slot, sighting)| (sighting.measured.value, self.landmarks.birth(*slot)));
+        self.watch.matched(births, scan.len());
         if !self.examines() || known.is_empty() {
             return;
         }
@@ -62,7 +63,10 @@ impl<M: MeasurementModel> FastSlam<M> {
                 _ => None,
             })
             .collect();
-        self.watch.matched(known.iter().map(|(j, _)| scan[*j].measured.value), scan.len());
+        let births = known.iter().map(|(j, candidate)| {
+            (scan[*j].measured.value, self.landmarks.birth(table.slots[*candidate as usize]))
+        });
+        self.watch.matched(births, scan.len());
         if !self.examines() || scan.is_empty() {
             return;
         }

@@ -78,6 +78,8 @@ pub(crate) struct Vitals {
     pub effective_sample_size: f64,
     /// Pose after the step.
     pub pose: PoseEstimate,
+    /// Landmarks ever created before the step.
+    pub births_before: u64,
     /// Of the last examined scan, where one was.
     pub map_in_view: Option<MapInView>,
 }
@@ -132,6 +134,10 @@ const RECENT_SCANS: usize = 6;
 const SCANS_TO_INITIALIZE: u32 = 10;
 /// Fewer known landmarks in view than this prove nothing when none is sighted.
 const EXPECTED_MIN: usize = 3;
+/// A scan of which no more than this fraction fits the map is torn from it. In whole runs over real logs no scan is.
+const LARGEST_MATCHED_FRACTION_OF_A_TEAR: f64 = 0.1;
+/// Scans after a tear from which on the robot counts as lost.
+const TORN_SCANS: u32 = 3;
 /// A map of which so few landmarks were expected lately says nothing about its age.
 const EXPECTED_LATELY_MIN: f64 = 3.0;
 /// Looks at the map from which the usual share of sighted landmarks is learnt.
@@ -142,6 +148,18 @@ fn newest(window_steps: u32) -> f64 {
     2.0 / (f64::from(window_steps) + 1.0)
 }
 
+/// The scan at which the filter lost touch with its map: none of it fitted where known landmarks should have been.
+///
+/// **Why:** with unknown identities the next scan finds the landmarks that this one made, and all looks well. Only old
+/// landmarks prove that the robot is where it thinks.
+#[derive(Clone, Copy, Debug)]
+struct Torn {
+    /// Landmarks with a lower birth are older.
+    births: u64,
+    /// Scans since.
+    scans: u32,
+}
+
 /// Watches over a filter, from step to step.
 #[derive(Clone, Debug)]
 pub(crate) struct Watch {
@@ -149,12 +167,14 @@ pub(crate) struct Watch {
     view: View,
     /// The innovations so far.
     pub noise: NoiseCheck,
-    /// Sightings of the step that showed known landmarks, as measured; and how many sightings there were.
-    matches: Vec<[f64; 2]>,
+    /// Sightings of the step that showed known landmarks, as measured, and the births of these; and how many sightings
+    /// there were.
+    matches: Vec<([f64; 2], u64)>,
     sightings: usize,
     /// Where landmarks were seen lately.
     places: VecDeque<[f64; 2]>,
     scans_matched: u32,
+    torn: Option<Torn>,
     last_sighting_s: Option<f64>,
     /// Moving averages: effective share of the particles; unexplained share of the sightings.
     effective: f64,
@@ -177,6 +197,7 @@ impl Watch {
             sightings: 0,
             places: VecDeque::new(),
             scans_matched: 0,
+            torn: None,
             last_sighting_s: None,
             effective: 1.0,
             unexplained: 0.0,
@@ -192,9 +213,9 @@ impl Watch {
         self.view
     }
 
-    /// Takes note of the sightings of known landmarks among those of a scan.
-    pub fn matched(&mut self, values: impl Iterator<Item = [f64; 2]>, sightings: usize) {
-        self.matches.extend(values);
+    /// Takes note of the sightings of known landmarks (as measured, with the landmark's birth) among those of a scan.
+    pub fn matched(&mut self, known: impl Iterator<Item = ([f64; 2], u64)>, sightings: usize) {
+        self.matches.extend(known);
         self.sightings += sightings;
     }
 
@@ -203,12 +224,28 @@ impl Watch {
         self.matches.len()
     }
 
+    /// Looks for scans that have nothing to do with the map, and for those that are back in it.
+    fn look_for_tears(&mut self, expected: usize, births: u64) {
+        let matches = self.matches.len();
+        let nothing_fits = matches as f64 <= LARGEST_MATCHED_FRACTION_OF_A_TEAR * self.sightings as f64;
+        if let Some(torn) = &mut self.torn {
+            torn.scans += 1;
+            let old = self.matches.iter().filter(|(_, birth)| *birth < torn.births).count();
+            if 2 * old >= self.sightings.max(1) {
+                self.torn = None;
+            }
+        } else if self.sightings >= EXPECTED_MIN && expected >= EXPECTED_MIN && nothing_fits {
+            self.torn = Some(Torn { births, scans: 0 });
+        }
+    }
+
     /// The verdict after a step. `place` gives the position in the world of something sighted from a pose.
     pub fn judge(&mut self, vitals: &Vitals, place: impl Fn(Pose, [f64; 2]) -> [f64; 2]) -> Health {
         let settings = self.settings;
         let expected = self.places.iter().filter(|at| self.view.contains(vitals.pose.mean, **at)).count();
         let share = newest(settings.window_steps);
         if self.sightings > 0 {
+            self.look_for_tears(expected, vitals.births_before);
             let unexplained = 1.0 - self.matches.len() as f64 / self.sightings as f64;
             // Unknown ground is no fault: only where known landmarks should be in view does an unexplained scan count.
             let fault = if expected >= EXPECTED_MIN { unexplained } else { 0.0 };
@@ -248,7 +285,7 @@ impl Watch {
 
     fn remember(&mut self, T_world_robot: Pose, place: impl Fn(Pose, [f64; 2]) -> [f64; 2]) {
         let T_world_sensor = T_world_robot.compose(self.view.T_robot_sensor);
-        for value in self.matches.drain(..) {
+        for (value, _) in self.matches.drain(..) {
             if self.places.len() == REMEMBERED {
                 self.places.pop_front();
             }
@@ -275,7 +312,9 @@ impl Watch {
         let blind_s = self.last_sighting_s.map_or(0.0, |last_s| vitals.stamp_s - last_s);
         note(HealthReason::NoSightings, blind_s > settings.longest_blindness_s, false);
         let limit = settings.largest_unexplained_fraction;
-        note(HealthReason::SightingsUnexplained, self.unexplained > limit, self.unexplained > 0.5 * (1.0 + limit));
+        let lost = self.unexplained > 0.5 * (1.0 + limit) || self.torn.is_some_and(|torn| torn.scans >= TORN_SCANS);
+        let torn = self.torn.is_some();
+        note(HealthReason::SightingsUnexplained, torn || self.unexplained > limit, lost);
         let [[xx, xy, _], [_, yy, _], [_, _, hh]] = vitals.pose.covariance;
         let position = crate::geometry::Symmetric2::new(xx, xy, yy).largest_eigenvalue().max(0.0).sqrt();
         let spread = (position / settings.largest_position_std_m).max(hh.max(0.0).sqrt() / settings.largest_heading_std_rad);

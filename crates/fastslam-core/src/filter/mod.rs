@@ -262,6 +262,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 None => rounds.push(vec![sighting]),
             }
         }
+        let births_before = self.landmarks.births();
         info.sampled = !self.keeps_motion_pending(&rounds[0]);
         for round in &rounds {
             self.process(round, &mut info)?;
@@ -271,7 +272,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.path.extend(stamp_s, |i| particles.pose(i));
         }
         info.landmarks = self.particles.landmarks[self.particles.best()];
-        self.judge_health(stamp_s, &mut info);
+        self.judge_health(stamp_s, births_before, &mut info);
         self.steps += 1;
         Ok(info)
     }
@@ -336,7 +337,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     }
 
     /// Gives the verdict on a step.
-    fn judge_health(&mut self, stamp_s: f64, info: &mut StepInfo) {
+    fn judge_health(&mut self, stamp_s: f64, births_before: u64, info: &mut StepInfo) {
         info.particles = self.particles.len() as u32;
         info.matched = self.watch.matches() as u32;
         if self.examines() && info.matched > 0 {
@@ -349,6 +350,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             particles: self.particles.len(),
             effective_sample_size: info.effective_sample_size,
             pose: self.estimate,
+            births_before,
             map_in_view: self.map_in_view.take(),
         };
         let model = &self.model;
