@@ -120,6 +120,8 @@ def run_and_report(log: Log, config: Config, folder: Path, *, runs: int = 1, rep
         metrics = write_outputs(first, log, folder, report=report, other_runs=others)
     console = stdout()
     console.print(summary_table(log.name, [metrics, *others]) if others else metrics_table(log.name, metrics))
+    for warning in first.warnings:
+        stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
     _announce(folder, report=report, interrupted=interrupted)
 
 

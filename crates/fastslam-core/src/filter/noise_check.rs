@@ -298,8 +298,10 @@ impl NoiseWarning {
         let direction = if *std_factor > 1.0 { "raise" } else { "lower" };
         let sensor = |what: &str, key: &str, configured: f64| {
             let about = Short(configured * std_factor);
+            // A filter that believes repeated errors to be new ones grows too sure; wide noise is a common remedy.
+            let unless = if *std_factor < 1.0 { ", unless the errors of successive scans repeat" } else { "" };
             format!(
-                "{what} innovations are {} as large as {key} says ({found}): {direction} it to about {about}",
+                "{what} innovations are {} as large as {key} says ({found}): {direction} it to about {about}{unless}",
                 Times(*std_factor)
             )
         };
