@@ -26,8 +26,8 @@ Identity = str | int | None
 class StepInfo:
     """What one update did; `skipped` counts sightings not finite, too near, too far or without identity.
 
-    `health` is `initializing`, `ok`, `degraded` or `lost`, `health_reasons` says why (`fastslam.health.REASONS`),
-    and `warnings` how the innovations lately contradict the configured noise.
+    `health` is `initializing`, `ok`, `degraded` or `lost`, `health_reasons` says why
+    (`fastslam.health.REASONS`), and `warnings` how the innovations lately contradict the configured noise.
     """
 
     step: int
@@ -46,7 +46,7 @@ class StepInfo:
     """Landmark covariances that lost definiteness, over all particles."""
     particles: int
     nis: float
-    """Mean normalised innovation squared per sighting over a sliding window; 2 is expected, 0 before the first."""
+    """Mean normalised innovation squared per sighting, sliding window; 2 is expected, 0 before the first."""
     nis_band: tuple[float, float]
     """What holds 95 % of such means when the noise is right."""
     health: str

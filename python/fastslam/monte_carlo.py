@@ -29,11 +29,12 @@ def monte_carlo(
 ) -> Consistency:
     """Runs the filter once per seed, on the log of that seed, and scores its uncertainties.
 
-    Where `log_of` gives the same log for every seed, the runs differ by the filter's random numbers only: they
-    are not independent, and the bounds are too narrow for them. `progress` is called with the runs done.
+    Where `log_of` gives the same log for every seed, the runs differ by the filter's random numbers only:
+    they are not independent, and the bounds are too narrow for them. `progress` is called with the runs done.
     Errors: `DataError` where no run has a true path to be compared with, and as for `fastslam.run`.
 
-    >>> found = monte_carlo(simulated_logs({"max_duration_s": 6.0}), {"filter": {"particles": 20}}, seeds=[1, 2])
+    >>> logs = simulated_logs({"max_duration_s": 6.0})
+    >>> found = monte_carlo(logs, {"filter": {"particles": 20}}, seeds=[1, 2])
     >>> found.runs, found.pose.degrees_of_freedom
     (2, 3)
     """

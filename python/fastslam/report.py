@@ -32,9 +32,9 @@ _CAPTIONS = {
     "the path as known at each time (live) and in hindsight (smoothed).",
     "error": "Distance between estimated and true position after rigid alignment; the band is twice the "
     "standard deviation along the major axis of the reported covariance.",
-    "health": "Above: whether the filter could be believed, and the reasons where not. Below: squared innovations over "
-    "what the configured noise predicts (NIS), averaged over a sliding window; far above 2 the noise is set too small, "
-    "far below too large.",
+    "health": "Above: whether the filter could be believed, and the reasons where not. Below: squared "
+    "innovations over what the configured noise predicts (NIS), averaged over a sliding window; far above 2 "
+    "the noise is set too small, far below too large.",
     "effective_sample_size": "1 / Σ weight² before resampling; a mark on the axis is a resampling.",
     "latency": "Computing time of each filter step, in order and as a distribution.",
 }

@@ -55,7 +55,7 @@ class Steps:
     """Sightings of landmarks that were known, in the best particle."""
     particles: Ints
     nis: Floats
-    """Mean normalised innovation squared per sighting over a sliding window; 2 is expected, 0 before the first."""
+    """Mean normalised innovation squared per sighting, sliding window; 2 is expected, 0 before the first."""
     health: Ints
     """`fastslam.health.HealthStatus`."""
     health_reasons: Ints
@@ -89,4 +89,4 @@ class RunResult:
     warnings: tuple[str, ...] = ()
     """What the innovations of the run say against the configured noise, a sentence each."""
     noise: dict[str, Any] = field(default_factory=dict)
-    """The figures behind that: mean NIS with its band, and by what each standard deviation should be multiplied."""
+    """The figures behind that: mean NIS with its band, and a factor for each standard deviation."""

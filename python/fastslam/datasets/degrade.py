@@ -20,8 +20,8 @@ DEGRADED_VICTORIA_PARK = {
 def with_odometry_noise(log: Log, *, std: Sequence[float], hold_rows: int, seed: int) -> Log:
     """The log with white noise on its controls, each draw held for `hold_rows` rows.
 
-    `std` has one standard deviation per column of the controls, in its unit. The same seed gives the same log.
-    Errors: `DataError` for another number of columns.
+    `std` has one standard deviation per column of the controls, in its unit. The same seed gives the same
+    log. Errors: `DataError` for another number of columns.
     """
     rows, columns = log.controls.values.shape
     if len(std) != columns or hold_rows < 1:

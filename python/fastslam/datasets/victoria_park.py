@@ -4,8 +4,8 @@ All times are seconds on the clock of the extracted features. Quirks handled: be
 vehicle's right, so a quarter turn is taken off; the diameter is the signature; the state is the pose of the
 LASER, whose place on the vehicle is in the motion model, so the sensor mounting is zero. The position fixes
 are all 4466 of `gps.dat` (the rotated and shifted frame of that file), outliers included: 74 are more than
-10 m off, so score with a median or a trimmed mean. The 948 that the authors kept, `ascii_2003/GPS.txt` (north first),
-are the edited fixes where that file is there. There are no identities and no true map.
+10 m off, so score with a median or a trimmed mean. The 948 that the authors kept, `ascii_2003/GPS.txt` (north
+first), are the edited fixes where that file is there. There are no identities and no true map.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def _folder(path: Path) -> Path:
 
 
 def _edited_fixes(folder: Path) -> PositionFixes | None:
-    """The fixes of the edition of 2003, on the same clock, east before north; None where they are not beside."""
+    """The fixes of the edition of 2003, on the same clock, east first; None where they are not beside."""
     file = find_file(folder.parent / EDITED_FOLDER, "GPS.txt")
     if file is None:
         return None

@@ -42,8 +42,8 @@ def pose_nees(
     """eᵀ C⁻¹ e of the pose errors, with the covariance of the mixture turned into the frame of the truth.
 
     `T_truth_world` aligns the frames; None where the run was started at the true pose. (1 mm)² and (1 mrad)²
-    are added to the variances. `position_only` leaves the heading out (2 degrees of freedom). Errors: `DataError` where the trajectory has no covariance or one that is not
-    positive semi-definite.
+    are added to the variances. `position_only` leaves the heading out (2 degrees of freedom).
+    Errors: `DataError` where the trajectory has no covariance or one that is not positive semi-definite.
     """
     if estimate.covariance is None:
         raise DataError("NEES needs a trajectory with covariance")

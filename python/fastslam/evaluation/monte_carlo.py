@@ -1,4 +1,4 @@
-"""Whether reported uncertainties can be believed, over many runs: NEES against its bounds, coverage of ellipses."""
+"""Whether reported uncertainties can be believed, over many runs: NEES, and coverage of ellipses."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ SAME_START_M = 0.01
 class RunConsistency:
     """One run: NEES of the pose at each stamp, of the position alone (T,), and of each paired landmark (K,).
 
-    `aligned`: the run did not start at the true pose, so it was aligned with the truth first, which makes every
-    NEES somewhat smaller.
+    `aligned`: the run did not start at the true pose, so it was aligned with the truth first, which makes
+    every NEES somewhat smaller.
     """
 
     pose: PoseNees

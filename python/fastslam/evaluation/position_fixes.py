@@ -77,10 +77,10 @@ def edited_fix_rms_m(
     antenna_in_robot_m: tuple[float, float] = (0.0, 0.0),
     max_gap_s: float | None = None,
 ) -> float | None:
-    """Root mean square distance of the path to fixes that are all good, after the rigid alignment that is best for it.
+    """Root mean square distance of the path to fixes that are all good, after the best rigid alignment.
 
-    None where fewer than two fixes are covered or the robot never left its place. Errors: `DataError` for values
-    that are not finite.
+    None where fewer than two fixes are covered or the robot never left its place. Errors: `DataError` for
+    values that are not finite.
     """
     check_trajectory(estimate.stamp_s, estimate.T_world_robot, what="estimated path")
     padded = np.column_stack([fixes.position_m, np.zeros(len(fixes.stamp_s))])

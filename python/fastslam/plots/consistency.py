@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,7 +30,7 @@ def plot_nees(axis: Axes, found: Mapping[str, Consistency]) -> Axes:
     """Draw the NEES of the pose over the run, its median (line) and mean (dots) over runs, and the bounds."""
     for color, (name, consistency) in zip(_cycle(len(found)), found.items(), strict=True):
         axis.plot(consistency.fraction, consistency.median_over_runs, color=color, label=name)
-        dots = {"marker": ".", "markersize": 3, "linestyle": "none"}
+        dots: dict[str, Any] = {"marker": ".", "markersize": 3, "linestyle": "none"}
         axis.plot(consistency.fraction, consistency.mean_over_runs, color=color, alpha=0.5, **dots)
     first = next(iter(found.values()))
     degrees = first.pose.degrees_of_freedom

@@ -1,4 +1,4 @@
-"""How far the filter could be believed over time: status, reasons, innovations against the configured noise."""
+"""How far the filter could be believed over time: status, reasons, innovations against the noise."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def _edges(result: RunResult) -> Floats:
     if len(stamps) == 0:
         return np.zeros(1)
     last = np.diff(stamps[-2:]).sum() if len(stamps) > 1 else 1.0
-    return np.append(stamps, stamps[-1] + last) - stamps[0]
+    return np.asarray(np.append(stamps, stamps[-1] + last) - stamps[0])
 
 
 def _bars(axis: Axes, edges_s: Floats, where: Bools, *, row: int, color: str) -> None:
