@@ -25,11 +25,7 @@ impl AdaptiveConfig {
         let mut bins = FxHashSet::default();
         for &a in ancestors {
             let pose = particles.pose(a as usize);
-            bins.insert([
-                bin(pose.x, self.bin_m),
-                bin(pose.y, self.bin_m),
-                bin(pose.heading, self.bin_rad),
-            ]);
+            bins.insert([bin(pose.x, self.bin_m), bin(pose.y, self.bin_m), bin(pose.heading, self.bin_rad)]);
         }
         bins.len()
     }

@@ -16,7 +16,7 @@ use crate::measurement::MeasurementModel;
 /// same story.
 const EVERY: u64 = 4;
 /// Particles that stand for all; evenly spaced, so that they come from different ancestors.
-const SUBSET: usize = 8;
+const SUBSET: usize = 16;
 /// A landmark seen less often than this may be clutter, of which nobody expects to see it again.
 const SIGHTINGS_TO_COUNT: f64 = 3.0;
 
@@ -63,9 +63,9 @@ impl<M: MeasurementModel> FastSlam<M> {
                 _ => None,
             })
             .collect();
-        let births = known.iter().map(|(j, candidate)| {
-            (scan[*j].measured.value, self.landmarks.birth(table.slots[*candidate as usize]))
-        });
+        let births = known
+            .iter()
+            .map(|(j, candidate)| (scan[*j].measured.value, self.landmarks.birth(table.slots[*candidate as usize])));
         self.watch.matched(births, scan.len());
         if !self.examines() || scan.is_empty() {
             return;
@@ -120,8 +120,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn examine(&mut self, particles: &[usize], pairs: &[(Measured, Vec<Option<Gaussian>>)]) {
         let predictions: Vec<Prediction> =
             particles.iter().enumerate().filter_map(|(row, i)| self.prediction(*i, row, pairs)).collect();
-        let sampled = self.config.algorithm == Algorithm::Fastslam1;
-        if let Some(score) = mixture(&predictions, sampled).and_then(|scan| scan.score()) {
+        if let Some(score) = mixture(&predictions).and_then(|scan| scan.score()) {
             self.watch.noise.add(&score);
         }
     }
@@ -144,7 +143,6 @@ impl<M: MeasurementModel> FastSlam<M> {
         };
         let sensor = belief.mean.compose(self.T_robot_sensor);
         let mut scan = PredictedScan { size: 2 * pairs.len(), ..PredictedScan::default() };
-        let mut by_pose = [[0.0; 3]; 2 * JOINT_MAX];
         for (j, (measured, landmarks)) in pairs.iter().enumerate() {
             let landmark = landmarks[row]?;
             let linear = self.model.linearize(sensor, landmark.mean);
@@ -154,24 +152,42 @@ impl<M: MeasurementModel> FastSlam<M> {
             let Symmetric2 { xx, xy, yy } = q;
             let block = [[xx, xy], [xy, yy]];
             for c in 0..2 {
-                by_pose[2 * j + c] = rows[c];
+                scan.by_pose[2 * j + c] = rows[c];
                 scan.innovation[2 * j + c] = innovation[c];
                 scan.covariance[2 * j + c][2 * j..2 * j + 2].copy_from_slice(&block[c]);
             }
             (scan.noise[2 * j], scan.noise[2 * j + 1]) = (measured.noise.xx, measured.noise.yy);
         }
-        add_motion(&mut scan, &by_pose, &belief.covariance);
+        match self.config.algorithm {
+            // The spread of the particles holds what their motion added.
+            Algorithm::Fastslam1 => {
+                let start = pose.heading - self.sampled_motion.mean.heading;
+                scan.note_motion(&self.sampled_motion.covariance_in_world(start));
+            }
+            _ => {
+                scan.note_motion(&belief.covariance);
+                scan.add_motion();
+            }
+        }
         (weight > 0.0).then_some(Prediction { weight, scan })
     }
 }
 
-/// Adds G P Gᵀ to the covariance, and notes it.
-fn add_motion(scan: &mut PredictedScan, by_pose: &[[f64; 3]; 2 * JOINT_MAX], covariance: &Matrix3) {
-    for i in 0..scan.size {
-        let row: [f64; 3] = std::array::from_fn(|k| (0..3).map(|l| by_pose[i][l] * covariance[l][k]).sum());
-        for j in 0..scan.size {
-            scan.motion[i][j] = (0..3).map(|k| row[k] * by_pose[j][k]).sum();
-            scan.covariance[i][j] += scan.motion[i][j];
+impl PredictedScan {
+    /// Notes what a motion with this covariance adds: G P Gᵀ.
+    fn note_motion(&mut self, covariance: &Matrix3) {
+        for i in 0..self.size {
+            let row: [f64; 3] = std::array::from_fn(|k| (0..3).map(|l| self.by_pose[i][l] * covariance[l][k]).sum());
+            for j in 0..self.size {
+                self.motion[i][j] = (0..3).map(|k| row[k] * self.by_pose[j][k]).sum();
+            }
+        }
+    }
+
+    /// Adds it to the covariance.
+    fn add_motion(&mut self) {
+        for i in 0..self.size {
+            (0..self.size).for_each(|j| self.covariance[i][j] += self.motion[i][j]);
         }
     }
 }
@@ -179,13 +195,13 @@ fn add_motion(scan: &mut PredictedScan, by_pose: &[[f64; 3]; 2 * JOINT_MAX], cov
 /// The prediction of all particles together: mean innovation; covariance within plus between them.
 ///
 /// **Why:** one particle's own covariance is too small: its pose is a sample. The spread of n particles is n / (n − 1)
-/// times that of their sample, and their mean is itself uncertain by an n-th of it. Where poses are sampled before the
-/// scan (FastSLAM 1.0), that spread is what the motion adds.
-fn mixture(predictions: &[Prediction], sampled: bool) -> Option<PredictedScan> {
+/// times that of their sample, and their mean is itself uncertain by an n-th of it.
+fn mixture(predictions: &[Prediction]) -> Option<PredictedScan> {
     let total: f64 = predictions.iter().map(|p| p.weight).sum();
     let first = predictions.first()?;
     let size = first.scan.size;
-    let mut mixed = PredictedScan { size, noise: first.scan.noise, ..PredictedScan::default() };
+    let PredictedScan { noise, by_pose, .. } = first.scan;
+    let mut mixed = PredictedScan { size, noise, by_pose, ..PredictedScan::default() };
     let mut concentration = 0.0;
     for Prediction { weight, scan } in predictions {
         let share = weight / total;
@@ -204,9 +220,7 @@ fn mixture(predictions: &[Prediction], sampled: bool) -> Option<PredictedScan> {
             let d: [f64; 2 * JOINT_MAX] = std::array::from_fn(|i| scan.innovation[i] - mixed.innovation[i]);
             for i in 0..size {
                 for j in 0..size {
-                    let between = inflation * weight * d[i] * d[j];
-                    mixed.covariance[i][j] += between;
-                    mixed.motion[i][j] += if sampled { between } else { 0.0 };
+                    mixed.covariance[i][j] += inflation * weight * d[i] * d[j];
                 }
             }
         }
@@ -249,11 +263,10 @@ mod tests {
             scan.covariance[1][1] = 1.0;
             Prediction { weight: 0.2, scan }
         };
-        let mixed = mixture(&[prediction(1.0), prediction(3.0)], true).unwrap();
+        let mixed = mixture(&[prediction(1.0), prediction(3.0)]).unwrap();
         // Mean 2; sample variance with n - 1 is 2, and the mean is uncertain by half of that.
         assert!((mixed.innovation[0] - 2.0).abs() < 1e-12);
         assert!((mixed.covariance[0][0] - (0.5 + 2.0 + 1.0)).abs() < 1e-12, "{}", mixed.covariance[0][0]);
-        assert!((mixed.motion[0][0] - 3.0).abs() < 1e-12);
-        assert_eq!(mixture(&[prediction(1.0)], false).unwrap().covariance[0][0], 0.5);
+        assert_eq!(mixture(&[prediction(1.0)]).unwrap().covariance[0][0], 0.5);
     }
 }

@@ -317,7 +317,8 @@ impl Watch {
         note(HealthReason::SightingsUnexplained, torn || self.unexplained > limit, lost);
         let [[xx, xy, _], [_, yy, _], [_, _, hh]] = vitals.pose.covariance;
         let position = crate::geometry::Symmetric2::new(xx, xy, yy).largest_eigenvalue().max(0.0).sqrt();
-        let spread = (position / settings.largest_position_std_m).max(hh.max(0.0).sqrt() / settings.largest_heading_std_rad);
+        let spread =
+            (position / settings.largest_position_std_m).max(hh.max(0.0).sqrt() / settings.largest_heading_std_rad);
         note(HealthReason::PoseUncertain, spread > 1.0, spread > 3.0);
         note(HealthReason::MapStale, self.is_stale(), false);
         let started = self.scans_matched >= SCANS_TO_INITIALIZE;

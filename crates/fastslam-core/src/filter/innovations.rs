@@ -4,6 +4,10 @@
 //! of the mixture over the particles, the motion since the last scan included. S depends on three noises, those of
 //! range, of bearing and of the motion, and the scan says of each by the score of its variance whether it should have
 //! been larger or smaller. [`NoiseCheck`](super::noise_check::NoiseCheck) gathers the scores.
+//!
+//! Whatever moves all sightings of a scan as if the robot stood elsewhere may come from the motion, from a map that is
+//! off, or from particles that have died out. The sensor is therefore judged by what is left when the pose is free:
+//! with so much uncertainty of the pose added to S that no common shift counts.
 
 /// Sightings of a scan that are judged together.
 pub(crate) const JOINT_MAX: usize = 4;
@@ -11,8 +15,14 @@ pub(crate) const JOINT_MAX: usize = 4;
 const SIZE: usize = 2 * JOINT_MAX;
 /// Noises: range, bearing, motion.
 pub(crate) const NOISES: usize = 3;
-/// A scan counts as at most this many times what is expected of it, so that no single one decides.
+/// Of these, the sensor's.
+pub(crate) const SENSOR_NOISES: usize = 2;
+/// Variances of a pose that is free: far above those of any sighting, not so far that digits are lost.
+const FREE_POSE_VARIANCE: [f64; 3] = [1e4, 1e4, 1e2];
+/// A scan counts as at most this many times what is expected of it, so that no single one decides: in the mean NIS, and
+/// in the scores, which say by how much.
 const LARGEST_RATIO: f64 = 25.0;
+const LARGEST_SCORED_RATIO: f64 = 6.0;
 
 type Square = [[f64; SIZE]; SIZE];
 
@@ -29,6 +39,8 @@ pub(crate) struct PredictedScan {
     pub motion: Square,
     /// Variances of the sensor's noise, range and bearing in turn.
     pub noise: [f64; SIZE],
+    /// Derivative of each number by the robot's pose.
+    pub by_pose: [[f64; 3]; SIZE],
 }
 
 impl Default for PredictedScan {
@@ -39,6 +51,7 @@ impl Default for PredictedScan {
             covariance: [[0.0; SIZE]; SIZE],
             motion: [[0.0; SIZE]; SIZE],
             noise: [0.0; SIZE],
+            by_pose: [[0.0; 3]; SIZE],
         }
     }
 }
@@ -56,25 +69,65 @@ pub(crate) struct ScanScore {
     pub score: [f64; NOISES],
     /// Fisher's information about these factors.
     pub information: [[f64; NOISES]; NOISES],
+    /// Score of the sensor's noises with the pose free.
+    pub sensor_score: [f64; SENSOR_NOISES],
+    /// Information about these with the pose free.
+    pub sensor_information: [[f64; SENSOR_NOISES]; SENSOR_NOISES],
+}
+
+/// Score and information under one covariance.
+struct Scored {
+    nis: f64,
+    score: [f64; NOISES],
+    information: [[f64; NOISES]; NOISES],
 }
 
 impl PredictedScan {
-    /// The score of each noise; `None` where S is not positive definite.
+    /// What the scan says; `None` where S is not positive definite.
+    pub fn score(&self) -> Option<ScanScore> {
+        let n = self.size;
+        let Scored { nis, score, information } = self.scored(&self.covariance)?;
+        let scale_squared = (LARGEST_RATIO * n as f64 / nis).min(1.0);
+        let free = self.scored(&self.with_free_pose())?;
+        let of_component = |component: usize| {
+            let ratio = |i: usize| self.innovation[i] * self.innovation[i] / self.covariance[i][i];
+            scale_squared * (component..n).step_by(2).map(ratio).sum::<f64>()
+        };
+        Some(ScanScore {
+            sightings: 0.5 * n as f64,
+            nis: scale_squared * nis,
+            of_component: [of_component(0), of_component(1)],
+            score,
+            information,
+            sensor_score: std::array::from_fn(|k| free.score[k]),
+            sensor_information: std::array::from_fn(|k| std::array::from_fn(|l| free.information[k][l])),
+        })
+    }
+
+    /// S with so uncertain a pose that only differences between the sightings count.
+    fn with_free_pose(&self) -> Square {
+        let mut covariance = self.covariance;
+        for i in 0..self.size {
+            for j in 0..self.size {
+                let products = (0..3).map(|k| FREE_POSE_VARIANCE[k] * self.by_pose[i][k] * self.by_pose[j][k]);
+                covariance[i][j] += products.sum::<f64>();
+            }
+        }
+        covariance
+    }
+
+    /// The score of each noise under a covariance.
     ///
     /// **Source:** for ν ~ N(0, S(θ)) the score of θ_k is ½ (νᵀ S⁻¹ S_k S⁻¹ ν − tr S⁻¹ S_k) with S_k = ∂S/∂θ_k, and the
     /// information is ½ tr S⁻¹ S_k S⁻¹ S_l.
-    pub fn score(&self) -> Option<ScanScore> {
+    fn scored(&self, covariance: &Square) -> Option<Scored> {
         let n = self.size;
-        let inverse = inverted(&self.covariance, n)?;
-        let mut weighted: [f64; SIZE] = std::array::from_fn(|i| (0..n).map(|j| inverse[i][j] * self.innovation[j]).sum());
-        let mut nis: f64 = (0..n).map(|i| weighted[i] * self.innovation[i]).sum();
-        let mut scale_squared = 1.0;
-        let largest = LARGEST_RATIO * n as f64;
-        if nis > largest {
-            scale_squared = largest / nis;
-            weighted.iter_mut().for_each(|value| *value *= scale_squared.sqrt());
-            nis = largest;
-        }
+        let inverse = inverted(covariance, n)?;
+        let mut weighted: [f64; SIZE] =
+            std::array::from_fn(|i| (0..n).map(|j| inverse[i][j] * self.innovation[j]).sum());
+        let nis: f64 = (0..n).map(|i| weighted[i] * self.innovation[i]).sum();
+        let scale = (LARGEST_SCORED_RATIO * n as f64 / nis).min(1.0).sqrt();
+        weighted.iter_mut().for_each(|value| *value *= scale);
         let sensor = |component: usize| -> Square {
             let own = |i: usize, j: usize| if j % 2 == component { inverse[i][j] * self.noise[j] } else { 0.0 };
             std::array::from_fn(|i| std::array::from_fn(|j| if i < n && j < n { own(i, j) } else { 0.0 }))
@@ -86,14 +139,8 @@ impl PredictedScan {
         let motion = (0..n).map(|i| (0..n).map(|j| weighted[i] * self.motion[i][j] * weighted[j]).sum::<f64>()).sum();
         let squares = [quadratic(0), quadratic(1), motion];
         let trace = |a: &Square| (0..n).map(|i| a[i][i]).sum::<f64>();
-        let of_component = |component: usize| {
-            let ratio = |i: usize| self.innovation[i] * self.innovation[i] / self.covariance[i][i];
-            scale_squared * (component..n).step_by(2).map(ratio).sum::<f64>()
-        };
-        Some(ScanScore {
-            sightings: 0.5 * n as f64,
+        Some(Scored {
             nis,
-            of_component: [of_component(0), of_component(1)],
             score: std::array::from_fn(|k| 0.5 * (squares[k] - trace(&products[k]))),
             information: std::array::from_fn(|k| {
                 std::array::from_fn(|l| 0.5 * trace_of_product(&products[k], &products[l], n))
@@ -178,9 +225,8 @@ mod tests {
             s[i][i] += (factors[i % 2] - 1.0) * scan.noise[i];
         }
         let inverse = inverted(&s, n).unwrap();
-        let nis: f64 = (0..n)
-            .map(|i| (0..n).map(|j| scan.innovation[i] * inverse[i][j] * scan.innovation[j]).sum::<f64>())
-            .sum();
+        let nis: f64 =
+            (0..n).map(|i| (0..n).map(|j| scan.innovation[i] * inverse[i][j] * scan.innovation[j]).sum::<f64>()).sum();
         // The determinant of S is one over that of its inverse, by elimination without pivots.
         let mut rows = inverse;
         let mut log_determinant = 0.0;
@@ -239,6 +285,20 @@ mod tests {
                 curvature += (at(1.0) - 2.0 * at(0.0) + at(-1.0)) / (step * step) / n as f64;
             }
             assert!((information[k][k] + curvature).abs() < 1e-4, "{k}: {} against {}", information[k][k], -curvature);
+        }
+    }
+
+    #[test]
+    fn what_moves_the_whole_scan_says_nothing_of_the_sensor() {
+        let mut scan = scan([0.1, -0.05, 0.02, 0.04]);
+        scan.by_pose = std::array::from_fn(|i| if i == 0 { [1.0, 0.0, 0.0] } else { [0.0, 0.2, -1.0] });
+        let before = scan.score().unwrap();
+        (0..4).for_each(|i| scan.innovation[i] += 0.2 * scan.by_pose[i][0] - 0.1 * scan.by_pose[i][2]);
+        let after = scan.score().unwrap();
+        assert!((after.nis - before.nis).abs() > 1.0);
+        for k in 0..SENSOR_NOISES {
+            // The free pose has a standard deviation of 100 m and 10 rad: what is left of the shift is below 1e-3 of it.
+            assert!((after.sensor_score[k] - before.sensor_score[k]).abs() < 1e-3);
         }
     }
 

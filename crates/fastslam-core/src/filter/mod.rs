@@ -138,6 +138,8 @@ pub struct FastSlam<M = RangeBearing> {
     particles: Particles,
     /// Motion since the last sampling of the poses, the same for all particles (FastSLAM 2.0).
     pending: MotionGaussian,
+    /// Motion since the last scan where the poses are sampled at once (FastSLAM 1.0); only the noise check needs it.
+    sampled_motion: MotionGaussian,
     controls: u64,
     samplings: u64,
     steps: u64,
@@ -199,6 +201,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             workers: workers(config.filter.threads)?,
             particles: Particles::at(start, particles),
             pending: MotionGaussian::default(),
+            sampled_motion: MotionGaussian::default(),
             controls: 0,
             samplings: 0,
             steps: 0,
@@ -237,6 +240,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 let stream = self.random.stream(Purpose::Motion, self.controls);
                 let Particles { x, y, heading, .. } = &mut self.particles;
                 self.config.motion.sample(control, dt_s, stream, PoseColumns { first_particle: 0, x, y, heading });
+                self.sampled_motion = self.config.motion.extend(&self.sampled_motion, control, dt_s);
             }
             _ => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
         }
@@ -330,6 +334,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             resampling::resample(settings.scheme, &self.weights.values, enough, stream, &mut self.ancestor_indices);
         }
         self.particles.resample(&self.ancestor_indices);
+        self.log_likelihood.resize(enough, 0.0);
         self.landmarks.resample(&self.ancestor_indices);
         self.path.resample(&self.ancestor_indices);
         info.resampled = true;
@@ -342,6 +347,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         info.matched = self.watch.matches() as u32;
         if self.examines() && info.matched > 0 {
             self.noise_report = self.watch.noise.of_window();
+        }
+        if info.sightings > 0 {
+            self.sampled_motion = MotionGaussian::default();
         }
         (info.nis, info.nis_band) = (self.noise_report.nis, self.noise_report.band);
         info.noise_warnings = self.noise_report.warnings;

@@ -1,6 +1,6 @@
 //! Whether the innovations contradict the configured noise, which noise, and in which direction.
 
-use super::innovations::{ScanScore, NOISES};
+use super::innovations::{ScanScore, NOISES, SENSOR_NOISES};
 use crate::config::Config;
 use std::collections::VecDeque;
 use std::fmt;
@@ -13,10 +13,12 @@ const SCANS_MIN: f64 = 40.0;
 const INTERVAL_STD_ERRORS: f64 = 3.0;
 /// Standard errors on each side of the band of the mean NIS, which holds 95 %.
 const BAND_STD_ERRORS: f64 = 1.96;
+/// A factor below this is said to be below it: the log hardly tells what is right.
+const SMALLEST_SAID: f64 = 0.1;
 /// A noise is only called wrong when its standard deviation is surely off by more than this factor.
 const WORTH_SAYING: f64 = 1.25;
-/// Two noises that are told apart no better than this are taken as one.
-const SMALLEST_SHARE: f64 = 1e-3;
+/// Range and bearing that are told apart no better than this are taken as one.
+const SMALLEST_DETERMINANT: f64 = 1e-3;
 
 /// A noise of the configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -92,12 +94,48 @@ struct Sums {
     nis: f64,
     of_component: [f64; 2],
     score: [f64; NOISES],
-    score_products: [[f64; NOISES]; NOISES],
+    score_squares: [f64; NOISES],
     information: [[f64; NOISES]; NOISES],
-    /// Of NIS per number: squares, and products with the scan before.
-    ratio: f64,
-    ratio_squared: f64,
-    ratio_lagged: f64,
+    sensor_score: [f64; SENSOR_NOISES],
+    sensor_score_products: [[f64; SENSOR_NOISES]; SENSOR_NOISES],
+    sensor_information: [[f64; SENSOR_NOISES]; SENSOR_NOISES],
+    /// NIS per number, and the scores that the factors come from (range, bearing, motion).
+    ratio: Series,
+    of_noise: [Series; NOISES],
+}
+
+/// What tells how far neighbours in a series repeat each other.
+#[derive(Clone, Copy, Debug, Default)]
+struct Series {
+    count: f64,
+    last: f64,
+    sum: f64,
+    squares: f64,
+    /// Products with the value before.
+    lagged: f64,
+}
+
+impl Series {
+    fn add(&mut self, value: f64) {
+        self.lagged += if self.count > 0.0 { value * self.last } else { 0.0 };
+        self.last = value;
+        self.sum += value;
+        self.squares += value * value;
+        self.count += 1.0;
+    }
+
+    /// How many neighbours are worth one independent value, from the first autocorrelation ρ: (1 + ρ) / (1 − ρ), at
+    /// least 1.
+    fn repetition(&self) -> f64 {
+        let mean = self.sum / self.count;
+        let variance = self.squares / self.count - mean * mean;
+        if self.count < 3.0 || variance <= 1e-12 * mean * mean {
+            return 1.0;
+        }
+        let covariance = self.lagged / (self.count - 1.0) - mean * mean;
+        let correlation = (covariance / variance).clamp(0.0, 0.95);
+        (1.0 + correlation) / (1.0 - correlation)
+    }
 }
 
 /// Gathers the scores of the examined scans.
@@ -105,14 +143,12 @@ struct Sums {
 pub(crate) struct NoiseCheck {
     window: VecDeque<ScanScore>,
     total: Sums,
-    last_ratio: f64,
 }
 
 impl NoiseCheck {
     /// Takes in a scan.
     pub fn add(&mut self, scan: &ScanScore) {
-        self.total.add(scan, self.last_ratio);
-        self.last_ratio = ratio(scan);
+        self.total.add(scan);
         if self.window.len() == WINDOW {
             self.window.pop_front();
         }
@@ -132,11 +168,7 @@ impl NoiseCheck {
     /// What the scans of the sliding window say.
     pub fn of_window(&self) -> NoiseReport {
         let mut sums = Sums::default();
-        let mut last = 0.0;
-        for scan in &self.window {
-            sums.add(scan, last);
-            last = ratio(scan);
-        }
+        self.window.iter().for_each(|scan| sums.add(scan));
         sums.report()
     }
 
@@ -146,26 +178,25 @@ impl NoiseCheck {
     }
 }
 
-/// NIS over its expectation.
-fn ratio(scan: &ScanScore) -> f64 {
-    scan.nis / (2.0 * scan.sightings)
-}
-
 impl Sums {
-    fn add(&mut self, scan: &ScanScore, last_ratio: f64) {
-        let ratio = ratio(scan);
-        self.ratio_lagged += if self.scans > 0.0 { ratio * last_ratio } else { 0.0 };
-        self.ratio += ratio;
-        self.ratio_squared += ratio * ratio;
+    fn add(&mut self, scan: &ScanScore) {
+        self.ratio.add(scan.nis / (2.0 * scan.sightings));
+        let of_noise = [scan.sensor_score[0], scan.sensor_score[1], scan.score[2]];
+        self.of_noise.iter_mut().zip(of_noise).for_each(|(series, score)| series.add(score));
         self.scans += 1.0;
         self.sightings += scan.sightings;
         self.nis += scan.nis;
         (0..2).for_each(|c| self.of_component[c] += scan.of_component[c]);
         for k in 0..NOISES {
             self.score[k] += scan.score[k];
-            for l in 0..NOISES {
-                self.score_products[k][l] += scan.score[k] * scan.score[l];
-                self.information[k][l] += scan.information[k][l];
+            self.score_squares[k] += scan.score[k] * scan.score[k];
+            (0..NOISES).for_each(|l| self.information[k][l] += scan.information[k][l]);
+        }
+        for k in 0..SENSOR_NOISES {
+            self.sensor_score[k] += scan.sensor_score[k];
+            for l in 0..SENSOR_NOISES {
+                self.sensor_score_products[k][l] += scan.sensor_score[k] * scan.sensor_score[l];
+                self.sensor_information[k][l] += scan.sensor_information[k][l];
             }
         }
     }
@@ -174,7 +205,7 @@ impl Sums {
         if self.scans == 0.0 {
             return NoiseReport::default();
         }
-        let correlated_scans = self.correlated_scans();
+        let correlated_scans = self.ratio.repetition();
         let nis = self.nis / self.sightings;
         let mut report = NoiseReport {
             scans: self.scans as u64,
@@ -186,75 +217,53 @@ impl Sums {
             ..NoiseReport::default()
         };
         if self.scans >= SCANS_MIN {
-            report.std_factors = self.std_factors(correlated_scans);
+            report.std_factors = self.std_factors();
             report.warnings = self.warnings(&report);
         }
         report
     }
 
-    /// How many neighbouring scans are worth one independent scan, from the first autocorrelation ρ of NIS:
-    /// (1 + ρ) / (1 − ρ), at least 1.
-    fn correlated_scans(&self) -> f64 {
-        let mean = self.ratio / self.scans;
-        let variance = self.ratio_squared / self.scans - mean * mean;
-        if self.scans < 3.0 || variance <= 1e-12 * mean * mean {
-            return 1.0;
-        }
-        let covariance = self.ratio_lagged / (self.scans - 1.0) - mean * mean;
-        let correlation = (covariance / variance).clamp(0.0, 0.95);
-        (1.0 + correlation) / (1.0 - correlation)
+    /// One step of Fisher's scoring from the configured variances, with the spread of the scores found in the log: the
+    /// sensor's noises with the pose free, then that of the motion given these.
+    ///
+    /// **Why:** S is linear in the variances, so one step is unbiased however far off they are. Scores vary more than
+    /// the model says where the noise is wrong, hence their own squares in place of the information.
+    fn std_factors(&self) -> [Option<[f64; 3]>; NOISES] {
+        let factor = |k: usize, change: f64, variance: f64| {
+            let reach = INTERVAL_STD_ERRORS * (variance.max(0.0) * self.of_noise[k].repetition()).sqrt();
+            Some([0.0, -reach, reach].map(|offset| (1.0 + change + offset).max(0.0).sqrt()))
+        };
+        let Some((change, variance)) = self.sensor_changes() else { return [None; NOISES] };
+        let [by_range, by_bearing, own] = self.information[2];
+        let explained = by_range * change[0] + by_bearing * change[1];
+        let spread = self.score_squares[2] - self.score[2] * self.score[2] / self.scans
+            + by_range * by_range * variance[0]
+            + by_bearing * by_bearing * variance[1];
+        let motion = if own > 0.0 { factor(2, (self.score[2] - explained) / own, spread / (own * own)) } else { None };
+        [factor(0, change[0], variance[0]), factor(1, change[1], variance[1]), motion]
     }
 
-    /// One step of Fisher's scoring from the configured variances, with the spread of the scores found in the log.
-    ///
-    /// **Why:** the information weighs the three noises against each other as the geometry of the scans does: an error
-    /// that all sightings of a scan share speaks for the motion, one of a single sighting for the sensor. Scores vary
-    /// more than the model says where the noise is wrong, hence their own products in place of the information.
-    fn std_factors(&self, correlated_scans: f64) -> [Option<[f64; 3]>; NOISES] {
-        let mut none = [None; NOISES];
-        let strongest = (0..NOISES).map(|k| self.information[k][k]).fold(0.0, f64::max);
-        let known: Vec<usize> =
-            (0..NOISES).filter(|k| self.information[*k][*k] > SMALLEST_SHARE * strongest).collect();
-        let Some(inverse) = self.inverse_information(&known) else { return none };
-        let mean = self.score.map(|score| score / self.scans);
-        for (row, &k) in known.iter().enumerate() {
-            let change: f64 = known.iter().enumerate().map(|(col, &l)| inverse[row][col] * self.score[l]).sum();
-            let mut variance = 0.0;
-            for (a, &i) in known.iter().enumerate() {
-                for (b, &j) in known.iter().enumerate() {
-                    let product = self.score_products[i][j] - self.scans * mean[i] * mean[j];
-                    variance += inverse[row][a] * product * inverse[row][b];
+    /// By what the sensor's variances, as fractions of themselves, should change, and the variances of that; `None`
+    /// where too few scans had several sightings.
+    fn sensor_changes(&self) -> Option<([f64; SENSOR_NOISES], [f64; SENSOR_NOISES])> {
+        let [[a, b], [_, c]] = self.sensor_information;
+        let determinant = a * c - b * b;
+        if determinant.is_nan() || determinant <= SMALLEST_DETERMINANT * a * c {
+            return None;
+        }
+        let inverse = [[c / determinant, -b / determinant], [-b / determinant, a / determinant]];
+        let mean = self.sensor_score.map(|score| score / self.scans);
+        let change = inverse.map(|[u, v]| u * self.sensor_score[0] + v * self.sensor_score[1]);
+        let variance = inverse.map(|row| {
+            let mut sum = 0.0;
+            for i in 0..SENSOR_NOISES {
+                for j in 0..SENSOR_NOISES {
+                    sum += row[i] * row[j] * (self.sensor_score_products[i][j] - self.scans * mean[i] * mean[j]);
                 }
             }
-            let reach = INTERVAL_STD_ERRORS * (variance.max(0.0) * correlated_scans).sqrt();
-            none[k] = Some([0.0, -reach, reach].map(|offset| (1.0 + change + offset).max(0.0).sqrt()));
-        }
-        none
-    }
-
-    /// Inverse of the information about some noises; `None` where they cannot be told apart.
-    fn inverse_information(&self, known: &[usize]) -> Option<Vec<Vec<f64>>> {
-        let n = known.len();
-        let scale: Vec<f64> = known.iter().map(|k| self.information[*k][*k].sqrt()).collect();
-        let mut rows: Vec<Vec<f64>> = (0..n)
-            .map(|i| {
-                let own = (0..n).map(|j| self.information[known[i]][known[j]] / (scale[i] * scale[j]));
-                own.chain((0..n).map(|j| f64::from(u8::from(i == j)))).collect()
-            })
-            .collect();
-        for i in 0..n {
-            let pivot = rows[i][i];
-            if pivot < SMALLEST_SHARE {
-                return None;
-            }
-            rows[i].iter_mut().for_each(|value| *value /= pivot);
-            for j in (0..n).filter(|j| *j != i) {
-                let factor = rows[j][i];
-                (0..2 * n).for_each(|k| rows[j][k] -= factor * rows[i][k]);
-            }
-        }
-        let entry = |i: usize, j: usize| rows[i][n + j] / (scale[i] * scale[j]);
-        Some((0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect())
+            sum
+        });
+        Some((change, variance))
     }
 
     fn warnings(&self, report: &NoiseReport) -> NoiseWarnings {
@@ -312,7 +321,7 @@ impl NoiseWarning {
                 "the odometry is off {} as much as the noise in `motion` says ({found}): {direction} its standard \
                  deviations by a factor of about {}",
                 Times(*std_factor),
-                Short(if *std_factor > 1.0 { *std_factor } else { 1.0 / std_factor.max(0.01) })
+                Short(if *std_factor > 1.0 { *std_factor } else { 1.0 / std_factor.max(SMALLEST_SAID) })
             ),
             Noise::All => format!(
                 "innovations are {} as large as the noise settings say ({found}), and the log does not tell whether \
@@ -328,6 +337,9 @@ struct Times(f64);
 
 impl fmt::Display for Times {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.0 < SMALLEST_SAID {
+            return f.write_str("less than 0.1 times");
+        }
         write!(f, "{} times", Short(self.0))
     }
 }
@@ -367,6 +379,7 @@ mod tests {
                     scan.covariance[i][j] = scan.motion[i][j];
                 }
                 scan.covariance[i][i] += scan.noise[i];
+                scan.by_pose[i] = [by_motion[i][0], by_motion[i][1], 0.0];
             }
             check.add(&scan.score().unwrap());
         }
@@ -437,8 +450,7 @@ mod tests {
     #[test]
     fn sentences_name_key_value_and_direction() {
         let config = Config::default();
-        let warning =
-            NoiseWarning { noise: Noise::Range, std_factor: 2.31, nis: 5.2, band: [1.9, 2.1] };
+        let warning = NoiseWarning { noise: Noise::Range, std_factor: 2.31, nis: 5.2, band: [1.9, 2.1] };
         let expected = format!(
             "range innovations are 2.3 times as large as sensor.range_std_m says (NIS 5.20, band 1.90-2.10): raise it \
              to about {}",
