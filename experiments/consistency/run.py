@@ -1,11 +1,11 @@
 """Measures whether reported uncertainties can be believed and writes them into `docs/consistency.md`.
 
-    python experiments/consistency/run.py [--runs 50] [--particles 100] [--only WORLD] [--out docs/consistency.md]
-        [--variant "NAME: key=value key=value"]
+    python experiments/consistency/run.py [--runs 50] [--particles 100] [--only WORLD]
+        [--variant "NAME: key=value key=value"] [--out docs/consistency.md]
 
-Every run of a world has its own landmarks, motion noise and sensor noise; run k of every variant sees the same
-log. `--variant` adds one more line to every table and figure; it may be given several times. The tables stand
-between two marks in the page, the figures in the folder of the same name beside it.
+Every run of a world has its own landmarks, motion noise and sensor noise; run k of every variant sees the
+same log. `--variant` adds one more line to every table and figure; it may be given several times. The tables
+stand between two marks in the page, the figures in the folder of the same name beside it.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def tables(world: str, found: dict[str, Consistency], figure: str) -> str:
         f"![NEES over the run and coverage]({figure})",
         "",
         "| filter | NEES of the pose, median of each quarter | mean over the run | position inside its "
-        "50 / 90 / 95 / 99 % ellipse | landmarks: mean NEES | landmark inside its 50 / 90 / 95 / 99 % ellipse |",
+        "50 / 90 / 95 / 99 % ellipse | landmarks: mean NEES | landmark inside its "
+        "50 / 90 / 95 / 99 % ellipse |",
         "|---|---|---|---|---|---|",
         f"| *expected* | *2.4* | *3 ({low:.2f} to {high:.2f})* | *50 / 90 / 95 / 99 %* | *2* | "
         "*50 / 90 / 95 / 99 %* |",

@@ -111,7 +111,7 @@ pub struct AdaptiveConfig {
 
 impl Default for AdaptiveConfig {
     fn default() -> Self {
-        Self { number: ParticleNumber::default(), minimum: 10, bin_m: 0.1, bin_rad: 0.02, epsilon: 0.1, delta: 0.01 }
+        Self { number: ParticleNumber::default(), minimum: 10, bin_m: 0.2, bin_rad: 0.05, epsilon: 0.1, delta: 0.01 }
     }
 }
 
