@@ -60,8 +60,8 @@ def test_the_noise_that_is_wrong_is_named_with_its_direction(
 
 
 def test_odometry_that_is_worse_than_its_noise_is_blamed_on_it() -> None:
-    # Scans 1 s apart: at 5 Hz the motion between two scans is so certain that its noise hardly shows. FastSLAM 2.0
-    # only: the particles of 1.0 cannot follow, the map goes wrong, and then every noise looks too small.
+    # Scans 1 s apart: at 5 Hz the motion between two scans is so certain that its noise hardly shows. Only
+    # FastSLAM 2.0: the particles of 1.0 cannot follow, the map goes wrong, and every noise looks too small.
     found = warnings(loop(1.0), {"motion": {"speed_std_m_per_s": 0.03, "yaw_rate_std_rad_per_s": 0.015}})
     assert any("the odometry is off" in text and "raise its standard deviations" in text for text in found), (
         found
