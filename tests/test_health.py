@@ -23,8 +23,8 @@ FAULT_S = 35.0
 
 Fault = Callable[[Log], Log]
 FAULTS: dict[str, tuple[Fault, int, HealthStatus, int]] = {
-    # Fault, steps until degraded, worst status, steps until then. Steps with sightings come every 0.2 s; those
-    # without every 0.5 s, so that 10 s of blindness are 20 steps, and one more.
+    # Fault, steps until degraded, worst status, steps until then. Steps with sightings come every 0.2 s,
+    # those without every 0.5 s: 10 s of blindness are 20 steps, and one more.
     "kidnapped": (lambda log: kidnapped(log, at_s=FAULT_S, for_s=12.0), 4, HealthStatus.LOST, 24),
     "swapped wheels": (lambda log: with_swapped_wheels(log, at_s=FAULT_S), 8, HealthStatus.LOST, 28),
     "blinded": (lambda log: blinded(log, at_s=FAULT_S), 21, HealthStatus.DEGRADED, 21),

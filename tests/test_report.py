@@ -20,6 +20,7 @@ from fastslam.plots import (
     new_figure,
     plot_effective_sample_size,
     plot_error_over_time,
+    plot_health,
     plot_latency,
     plot_latency_histogram,
     plot_map,
@@ -278,4 +279,6 @@ def test_the_health_figure_names_reasons_and_the_page_repeats_warnings() -> None
     assert rows == ["status", "innovations too large", "no sightings"]
     assert "89.5 %" in axis.get_title(loc="left")
     page = render_report(run, make_log())
-    assert '<p class="warning">Range innovations are 2.3 times as large as sensor.range_std_m says.</p>' in page
+    assert (
+        '<p class="warning">Range innovations are 2.3 times as large as sensor.range_std_m says.</p>' in page
+    )
