@@ -265,7 +265,8 @@ fn correct_where<M: MeasurementModel>(
     chosen: impl Fn(usize) -> bool,
     log_likelihood: &mut [f64],
 ) -> u32 {
-    let mut repaired = 0;
+    // As wide as the numbers beside it, or the loop would not become vector code.
+    let mut repaired = 0_u64;
     let n = log_likelihood.len();
     let [count, mean_x, mean_y, xx, xy, yy] = rows.columns::<{ column::COUNT }>().map(|c| &mut c[..n]);
     let (x, y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
@@ -278,7 +279,7 @@ fn correct_where<M: MeasurementModel>(
         count[i] = pick(count[i] + 1.0, count[i]);
         let Symmetric2 { xx: a, xy: b, yy: c } = after.covariance;
         let definite = (a > 0.0) & (a * c - b * b > 0.0);
-        repaired += u32::from(active & !definite);
+        repaired += u64::from(active & !definite);
         let sound = |new: f64, old: f64| if active & definite { new } else { old };
         mean_x[i] = sound(after.mean[0], before.mean[0]);
         mean_y[i] = sound(after.mean[1], before.mean[1]);
@@ -287,7 +288,7 @@ fn correct_where<M: MeasurementModel>(
         yy[i] = sound(c, before.covariance.yy);
         log_likelihood[i] += pick(fit.log_likelihood, 0.0);
     }
-    repaired
+    repaired as u32
 }
 
 /// The rows of a new landmark in all maps (those in `mask`; absent in the others), columns one after the other.

@@ -64,6 +64,8 @@ pub struct EkfSlam<M = RangeBearing> {
     gain: VectorPair,
     /// Whether all this can be believed.
     watch: Watch,
+    /// What the sliding window said of the noise when it was last looked at.
+    noise_report: NoiseReport,
 }
 
 /// A landmark as the state sees it: innovation, its derivative by the state, and its covariance.
@@ -102,6 +104,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
             steps: 0,
             gain: VectorPair::new(),
             watch: Watch::new(config.health, FieldOfView::of(&config)),
+            noise_report: NoiseReport::default(),
             model,
             config,
         })
@@ -173,10 +176,11 @@ impl<M: MeasurementModel> EkfSlam<M> {
     fn judge_health(&mut self, stamp_s: f64, info: &mut StepInfo) {
         (info.particles, info.matched) = (1, self.watch.matches() as u32);
         self.watch.matched(std::iter::empty(), info.sightings as usize);
-        if info.matched > 0 {
-            let report = self.watch.noise.of_window();
-            (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
+        if self.watch.noise.is_report_due() {
+            self.noise_report = self.watch.noise.of_window();
         }
+        let report = &self.noise_report;
+        (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
         let births_before = self.landmarks.len() as u64 - u64::from(info.new_landmarks);
         let (particles, effective_sample_size, pose) = (1, 1.0, self.pose());
         let vitals = Vitals { stamp_s, particles, effective_sample_size, pose, births_before, map_in_view: None };

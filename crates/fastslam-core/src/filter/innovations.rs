@@ -128,23 +128,29 @@ impl PredictedScan {
         let nis: f64 = (0..n).map(|i| weighted[i] * self.innovation[i]).sum();
         let scale = (LARGEST_SCORED_RATIO * n as f64 / nis).min(1.0).sqrt();
         weighted.iter_mut().for_each(|value| *value *= scale);
-        let sensor = |component: usize| -> Square {
-            let own = |i: usize, j: usize| if j % 2 == component { inverse[i][j] * self.noise[j] } else { 0.0 };
-            std::array::from_fn(|i| std::array::from_fn(|j| if i < n && j < n { own(i, j) } else { 0.0 }))
-        };
-        let products = [sensor(0), sensor(1), multiplied(&inverse, &self.motion, n)];
+        let by_motion = multiplied(&inverse, &self.motion, n);
         let quadratic = |component: usize| -> f64 {
             (component..n).step_by(2).map(|i| weighted[i] * weighted[i] * self.noise[i]).sum()
         };
         let motion = (0..n).map(|i| (0..n).map(|j| weighted[i] * self.motion[i][j] * weighted[j]).sum::<f64>()).sum();
         let squares = [quadratic(0), quadratic(1), motion];
-        let trace = |a: &Square| (0..n).map(|i| a[i][i]).sum::<f64>();
+        // tr S⁻¹ S_k and tr S⁻¹ S_k S⁻¹ S_l; S_k of the sensor is diagonal.
+        let mut traces = [0.0; NOISES];
+        let mut products = [[0.0; NOISES]; NOISES];
+        for i in 0..n {
+            traces[i % 2] += inverse[i][i] * self.noise[i];
+            traces[2] += by_motion[i][i];
+            for j in 0..n {
+                products[i % 2][j % 2] += inverse[i][j] * inverse[i][j] * self.noise[i] * self.noise[j];
+                products[i % 2][2] += self.noise[i] * by_motion[i][j] * inverse[j][i];
+                products[2][2] += by_motion[i][j] * by_motion[j][i];
+            }
+        }
+        (products[2][0], products[2][1]) = (products[0][2], products[1][2]);
         Some(Scored {
             nis,
-            score: std::array::from_fn(|k| 0.5 * (squares[k] - trace(&products[k]))),
-            information: std::array::from_fn(|k| {
-                std::array::from_fn(|l| 0.5 * trace_of_product(&products[k], &products[l], n))
-            }),
+            score: std::array::from_fn(|k| 0.5 * (squares[k] - traces[k])),
+            information: products.map(|row| row.map(|product| 0.5 * product)),
         })
     }
 }
@@ -157,10 +163,6 @@ fn multiplied(a: &Square, b: &Square, n: usize) -> Square {
         }
     }
     product
-}
-
-fn trace_of_product(a: &Square, b: &Square, n: usize) -> f64 {
-    (0..n).map(|i| (0..n).map(|k| a[i][k] * b[k][i]).sum::<f64>()).sum()
 }
 
 /// The inverse of the leading n × n block, by Cholesky's factor; `None` where that does not exist.

@@ -240,7 +240,9 @@ impl<M: MeasurementModel> FastSlam<M> {
                 let stream = self.random.stream(Purpose::Motion, self.controls);
                 let Particles { x, y, heading, .. } = &mut self.particles;
                 self.config.motion.sample(control, dt_s, stream, PoseColumns { first_particle: 0, x, y, heading });
-                self.sampled_motion = self.config.motion.extend(&self.sampled_motion, control, dt_s);
+                if self.examines() {
+                    self.sampled_motion = self.config.motion.extend(&self.sampled_motion, control, dt_s);
+                }
             }
             _ => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
         }
@@ -345,7 +347,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn judge_health(&mut self, stamp_s: f64, births_before: u64, info: &mut StepInfo) {
         info.particles = self.particles.len() as u32;
         info.matched = self.watch.matches() as u32;
-        if self.examines() && info.matched > 0 {
+        if self.watch.noise.is_report_due() {
             self.noise_report = self.watch.noise.of_window();
         }
         if info.sightings > 0 {

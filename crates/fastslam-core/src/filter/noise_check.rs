@@ -7,6 +7,8 @@ use std::fmt;
 
 /// Scans in the sliding window.
 const WINDOW: usize = 256;
+/// Scans from one report about the window to the next: it costs as much as many of them.
+const REPORT_EVERY: u32 = 16;
 /// Fewer scans than this say nothing.
 const SCANS_MIN: f64 = 40.0;
 /// Standard errors between an estimate and the ends of its interval: a false alarm of one noise in about 700 windows.
@@ -143,6 +145,8 @@ impl Series {
 pub(crate) struct NoiseCheck {
     window: VecDeque<ScanScore>,
     total: Sums,
+    /// Scans since the last report about the window.
+    unreported: u32,
 }
 
 impl NoiseCheck {
@@ -153,6 +157,16 @@ impl NoiseCheck {
             self.window.pop_front();
         }
         self.window.push_back(*scan);
+        self.unreported += 1;
+    }
+
+    /// Whether so much is new that the window should be looked at; then it counts as looked at. Often at first.
+    pub fn is_report_due(&mut self) -> bool {
+        let due = self.unreported >= REPORT_EVERY.min(1 + self.window.len() as u32 / 8);
+        if due {
+            self.unreported = 0;
+        }
+        due
     }
 
     /// Mean of NIS over its expectation in the last `scans` examined ones; `None` before the first.
