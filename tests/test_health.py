@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 from fastslam import FastSlam
 from fastslam.datasets import load
-from fastslam.health import REASONS, HealthStatus, has_reason, health_summary, reason_bits, reason_names
+from fastslam.health import (
+    REASONS,
+    HealthStatus,
+    has_reason,
+    health_summary,
+    health_warning,
+    reason_bits,
+    reason_names,
+)
 from fastslam.log import Log
 from fastslam.result import RunResult
 from fastslam.simulation import resolve_simulation, simulate
@@ -65,6 +73,7 @@ def test_faults_are_noticed_in_time(fault: str, algorithm: str, association: str
         degraded, reached = steps_until(result, HealthStatus.DEGRADED), steps_until(result, worst)
         assert degraded is not None and degraded <= degraded_within, f"seed {seed}: {degraded}"
         assert reached is not None and reached <= worst_within, f"seed {seed}: {reached}"
+        assert "degraded in" in str(health_warning(result.steps))
 
 
 @pytest.mark.parametrize("association", ["known", "unknown"])
@@ -78,6 +87,7 @@ def test_sound_simulations_are_ok(preset: str, algorithm: str, association: str)
     assert result.steps.health[0] == HealthStatus.INITIALIZING
     ok = health_summary(result.steps).ok
     assert ok is not None and ok >= 0.95
+    assert health_warning(result.steps) is None
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no data at {DATA}")

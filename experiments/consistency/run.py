@@ -37,6 +37,7 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "2.0": {"algorithm": "fastslam2"},
     "2.0, exponent 0.5": {"algorithm": "fastslam2", "filter": {"likelihood_exponent": 0.5}},
     "2.0, exponent 0.2": {"algorithm": "fastslam2", "filter": {"likelihood_exponent": 0.2}},
+    "2.0, rejuvenated": {"algorithm": "fastslam2", "filter": {"rejuvenation": {"every_steps": 20}}},
     "EKF": {"algorithm": "ekf"},
 }
 

@@ -82,3 +82,14 @@ def health_summary(steps: Steps) -> HealthSummary:
         for status in (HealthStatus.OK, HealthStatus.DEGRADED, HealthStatus.LOST)
     )
     return HealthSummary(ok, degraded, lost)
+
+
+def health_warning(steps: Steps) -> str | None:
+    """One sentence where the filter was not ok in more than a twentieth of the steps; None where it was."""
+    found = health_summary(steps)
+    if found.ok is None or found.lost is None or found.degraded is None or found.ok >= 0.95:
+        return None
+    bad = steps.health_reasons[steps.health > HealthStatus.OK]
+    reasons = ", ".join(name.replace("_", " ") for name in REASONS if has_reason(bad, name).any())
+    lost, degraded = 100.0 * found.lost, 100.0 * found.degraded
+    return f"the filter was lost in {lost:.0f} % and degraded in {degraded:.0f} % of its steps ({reasons})"
