@@ -45,6 +45,12 @@ impl Beliefs {
         self.columns[0].len()
     }
 
+    /// The belief of one particle.
+    pub fn get(&self, i: usize) -> Belief {
+        let [x, y, heading, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(|column| column[i]);
+        Belief { mean: Pose::new(x, y, heading), covariance: [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]] }
+    }
+
     /// The columns, to be changed.
     pub fn columns_mut(&mut self) -> [&mut [f64]; COLUMNS] {
         self.columns.each_mut().map(Vec::as_mut_slice)

@@ -7,6 +7,7 @@ use crate::error::Result;
 use crate::landmark::{first_rows, Correction};
 use crate::measurement::MeasurementModel;
 use crate::workers::PART;
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 impl<M: MeasurementModel> FastSlam<M> {
     /// FastSLAM 1.0 after its poses were sampled: correct and weigh, then resample.
@@ -20,7 +21,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 self.insert_for_all(sighting, info);
                 continue;
             };
-            self.correct_all(slot, sighting);
+            self.correct_all(slot, sighting, info);
         }
         self.weigh();
         let before = self.weights.log_mean;
@@ -54,28 +55,30 @@ impl<M: MeasurementModel> FastSlam<M> {
             });
         }
         self.weigh();
-        self.weigh_resample_sample(&mut [], info)?;
+        self.weigh_resample_sample(&mut Vec::new(), info)?;
         for sighting in scan {
             let Some(slot) = self.known_slot(sighting) else {
                 self.insert_for_all(sighting, info);
                 continue;
             };
-            self.correct_all(slot, sighting);
+            self.correct_all(slot, sighting, info);
         }
         self.remember_identified(scan);
         Ok(())
     }
 
     /// Corrects a landmark in every map and adds to the log-likelihoods of the step.
-    fn correct_all(&mut self, slot: u32, sighting: &ScanSighting) {
+    fn correct_all(&mut self, slot: u32, sighting: &ScanSighting, info: &mut StepInfo) {
         let Self { model, sensor_poses: poses, log_likelihood, workers, .. } = self;
         let correction = Correction { model: &*model, poses: &*poses, measured: sighting.measured, mask: None };
+        let repaired = AtomicU32::new(0);
         self.landmarks.update(slot, None, |rows| {
             let whole = (rows.columns(), log_likelihood.as_mut_slice());
             workers.share(whole, PART, &|first, (rows, log_likelihood)| {
-                correction.apply(first, rows, log_likelihood);
+                repaired.fetch_add(correction.apply(first, rows, log_likelihood), Relaxed);
             });
         });
+        info.repaired += repaired.into_inner();
     }
 
     fn clear_log_likelihood(&mut self) {
@@ -92,7 +95,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
     }
 
-    fn known_slot(&self, sighting: &ScanSighting) -> Option<u32> {
+    pub(super) fn known_slot(&self, sighting: &ScanSighting) -> Option<u32> {
         sighting.identity.and_then(|identity| self.landmarks.of_identity(identity).first().copied())
     }
 

@@ -11,6 +11,7 @@ use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
 use crate::random::Purpose;
 use crate::workers::{Shares, PART};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
 pub(super) use crate::association::ScanSighting;
 
@@ -25,6 +26,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.find_candidates(scan, &mut table);
         let mut decisions = std::mem::take(&mut self.decisions);
         self.decide(scan, &table, &mut decisions);
+        self.examine_decided(scan, &decisions, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.landmarks.births();
         let (mut decided, mut births) = (std::mem::take(&mut self.decided), std::mem::take(&mut self.births));
@@ -113,20 +115,19 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// Normalises the weights, estimates the pose, resamples if needed, and samples the poses from the beliefs.
     ///
     /// `decisions` (an equal share per particle) follow the ancestors like everything else.
-    pub(super) fn weigh_resample_sample(&mut self, decisions: &mut [Decision], info: &mut StepInfo) -> Result<()> {
+    pub(super) fn weigh_resample_sample(&mut self, decisions: &mut Vec<Decision>, info: &mut StepInfo) -> Result<()> {
         let before = self.weights.log_mean;
         self.weights_now()?;
         info.log_likelihood += self.weights.log_mean - before;
         self.estimate_from_beliefs();
         if self.resample_if_needed(info) {
             self.restart_weights();
-            self.beliefs.resample(&self.ancestor_indices);
             let share = decisions.len() / self.beliefs.len();
-            let former = &mut self.former_decisions;
-            former.clear();
-            former.extend_from_slice(decisions);
-            for (i, &a) in self.ancestor_indices.iter().enumerate() {
-                decisions[i * share..(i + 1) * share].copy_from_slice(&former[a as usize * share..][..share]);
+            self.beliefs.resample(&self.ancestor_indices);
+            std::mem::swap(&mut self.former_decisions, decisions);
+            decisions.clear();
+            for &a in &self.ancestor_indices {
+                decisions.extend_from_slice(&self.former_decisions[a as usize * share..][..share]);
             }
         }
         self.sample_poses();
@@ -205,6 +206,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             log_likelihood.resize(mask.len(), 0.0);
             let correction =
                 Correction { model: &*model, poses: &*poses, measured: sighting.measured, mask: Some(&mask) };
+            let repaired = AtomicU32::new(0);
             self.landmarks.update(slot, Some(&mask), |mut rows| {
                 if let Some(mark) = mark {
                     let column = rows.column(column::IDENTITY);
@@ -212,9 +214,10 @@ impl<M: MeasurementModel> FastSlam<M> {
                 }
                 let whole = (rows.columns(), log_likelihood.as_mut_slice());
                 workers.share(whole, PART, &|first, (rows, log_likelihood)| {
-                    correction.apply(first, rows, log_likelihood);
+                    repaired.fetch_add(correction.apply(first, rows, log_likelihood), Relaxed);
                 });
             });
+            info.repaired += repaired.into_inner();
             if let Some(identity) = sighting.identity {
                 self.landmarks.mark_identity(slot, identity);
             }
