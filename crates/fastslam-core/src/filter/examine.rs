@@ -34,13 +34,17 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Examines a scan whose identities are all known.
     pub(super) fn examine_identified(&mut self, scan: &[ScanSighting]) {
-        let known: Vec<(u32, &ScanSighting)> =
-            scan.iter().filter_map(|sighting| Some((self.known_slot(sighting)?, sighting))).collect();
-        let births = known.iter().map(|(slot, sighting)| (sighting.measured.value, self.landmarks.birth(*slot)));
-        self.watch.matched(births, scan.len());
-        if !self.examines() || known.is_empty() {
+        let mut matches = std::mem::take(&mut self.matches);
+        matches.clear();
+        let known = scan.iter().filter_map(|sighting| Some((sighting, self.known_slot(sighting)?)));
+        matches.extend(known.map(|(sighting, slot)| (sighting.measured.value, self.landmarks.birth(slot))));
+        self.watch.matched(matches.iter().copied(), scan.len());
+        self.matches = matches;
+        if !self.examines() || self.matches.is_empty() {
             return;
         }
+        let known: Vec<(u32, &ScanSighting)> =
+            scan.iter().filter_map(|sighting| Some((self.known_slot(sighting)?, sighting))).collect();
         let particles = self.subset();
         let mut pairs = Vec::with_capacity(JOINT_MAX);
         for place in spread(known.len(), self.steps) {
@@ -55,21 +59,20 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub(super) fn examine_decided(&mut self, scan: &[ScanSighting], decisions: &[Decision], table: &CandidateTable) {
         let of = |particle: usize| &decisions[particle * scan.len()..(particle + 1) * scan.len()];
         let best = of(self.particles.best());
-        let known: Vec<(usize, u32)> = best
-            .iter()
-            .enumerate()
-            .filter_map(|(j, decision)| match decision {
-                Decision::Landmark(candidate) => Some((j, *candidate)),
-                _ => None,
-            })
-            .collect();
-        let births = known
-            .iter()
-            .map(|(j, candidate)| (scan[*j].measured.value, self.landmarks.birth(table.slots[*candidate as usize])));
-        self.watch.matched(births, scan.len());
+        let known = best.iter().enumerate().filter_map(|(j, decision)| match decision {
+            Decision::Landmark(candidate) => Some((j, *candidate)),
+            _ => None,
+        });
+        let birth = |candidate: u32| self.landmarks.birth(table.slots[candidate as usize]);
+        let mut matches = std::mem::take(&mut self.matches);
+        matches.clear();
+        matches.extend(known.clone().map(|(j, candidate)| (scan[j].measured.value, birth(candidate))));
+        self.watch.matched(matches.iter().copied(), scan.len());
+        self.matches = matches;
         if !self.examines() || scan.is_empty() {
             return;
         }
+        let known: Vec<(usize, u32)> = known.collect();
         self.look_at_map(known.iter().map(|(_, candidate)| table.slots[*candidate as usize]).collect());
         if known.is_empty() {
             return;

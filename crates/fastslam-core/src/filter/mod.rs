@@ -171,6 +171,8 @@ pub struct FastSlam<M = RangeBearing> {
     former_decisions: Vec<Decision>,
     /// For one sighting, the numbers of the decisions and whether they are the one at hand; kept for their memory.
     decided: Vec<u32>,
+    /// Sightings of known landmarks with the births of these; kept for its memory.
+    matches: Vec<([f64; 2], u64)>,
     /// Landmarks that there were before each sighting of the scan; kept for its memory.
     births: Vec<u64>,
     mask: Vec<bool>,
@@ -240,6 +242,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             former_decisions: Vec::new(),
             decided: Vec::new(),
             births: Vec::new(),
+            matches: Vec::new(),
             mask: Vec::new(),
             slots: Vec::new(),
             log_likelihood: Vec::with_capacity(particles),
