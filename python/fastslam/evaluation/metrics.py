@@ -28,6 +28,7 @@ METRIC_UNITS: dict[str, str] = {
     "map_bytes": "B",
     "step_latency_us": "µs",
     "resamplings": "",
+    "rejuvenations": "",
     "mean_effective_sample_size": "particles",
     "ate_rmse_m": "m",
     "ate_median_m": "m",
@@ -153,6 +154,7 @@ def run_metrics(result: RunResult) -> Metrics:
         "map_bytes": int(result.map_bytes),
         "step_latency_us": _latency(result),
         "resamplings": int(np.count_nonzero(steps.resampled)),
+        "rejuvenations": int(np.count_nonzero(steps.rejuvenated)),
         "mean_effective_sample_size": _finite(np.mean(steps.effective_sample_size))
         if len(steps.stamp_s)
         else None,

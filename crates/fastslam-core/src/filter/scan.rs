@@ -24,10 +24,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         let mut decisions = self.decide(scan, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.landmarks.births();
+        let mut births = Vec::with_capacity(scan.len());
         for (j, sighting) in scan.iter().enumerate() {
+            births.push(self.landmarks.births());
             let decided: Vec<Decision> = decisions.iter().skip(j).step_by(scan.len()).copied().collect();
             self.correct_decided((j, sighting), &decided, &table, info);
         }
+        self.remember_decided(scan, &decisions, &table, &births);
         if self.removes_landmarks() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
         }
