@@ -56,7 +56,7 @@ COVERAGE_LOGS = 24
 
 
 def log_of_seed(seed: int, *, correlation_s: float) -> Log:
-    """A minute of driving; ranges and bearings also err together, by errors that fade over `correlation_s`."""
+    """A minute of driving; the sightings also err together, by errors that fade over `correlation_s`."""
     settings = {"seed": seed, "sensor": {"mounting": {"x_m": TRUE["mounting.x_m"]}}, "max_duration_s": 60.0}
     log = simulate(resolve_simulation(settings, preset="demo"))
     stamps, scan = np.unique(log.sightings.stamp_s, return_inverse=True)

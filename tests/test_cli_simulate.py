@@ -121,7 +121,7 @@ def test_a_rover_with_a_laser_maps_its_rocks_from_raw_scans(tmp_path: Path) -> N
     options = ("--particles", 10, "--seed", 1, "--no-report", "--out", out)
     assert fastslam("run", folder, *options).exit_code == 0
     metrics = json.loads((out / "metrics.json").read_text())
-    # Of 8 worlds, two laps: all rocks found in each, one false or double landmark in one, 3 to 8 mm on the map.
+    # Of 8 worlds, two laps: all rocks found, one false or double landmark in one, 3 to 8 mm on the map.
     assert metrics["landmark_recall"] >= 0.96
     assert metrics["landmark_precision"] >= 0.96
     assert metrics["landmark_rmse_m"] <= 0.012

@@ -64,7 +64,6 @@ class Solution:
     batch: Batch
     covariance: Floats
     noise_known: Any
-    iterations: int
     converged: bool
 
 
@@ -84,27 +83,31 @@ class _Equations:
 def solve_batch(batch: Batch, *, most_iterations: int = 40) -> Solution:
     """Gauss-Newton with Student-t weights; the noise of the sensor is estimated along the way.
 
-    It ends when the parameters move by less than SETTLED standard errors and the noise by less than 1 %: poses
-    of a stretch with little to hold them go on moving without a say in either.
+    It ends when the parameters move by less than SETTLED standard errors and the noise by less than 1 %:
+    poses of a stretch with little to hold them go on moving without a say in either.
     """
-    first, converged, iteration = batch, False, 0
+    first, converged = batch, False
     known = np.array([True, True])
-    for iteration in range(1, most_iterations + 1):
+    for _ in range(most_iterations):
         residuals, jacobian = _sightings(batch)
-        equations = _normal_equations(batch, residuals, jacobian, _weights(batch, residuals)[0], first.parameters)
+        equations = _normal_equations(
+            batch, residuals, jacobian, _weights(batch, residuals)[0], first.parameters
+        )
         factor = _factor(equations.matrix)
         step = factor.solve(equations.rhs)
         step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-12))
         redundancy = _redundancy(factor, equations.rows[: 2 * len(batch.pose)])
         known &= redundancy > LEAST_REDUNDANCY
         noisier = _with_noise(batch, residuals, np.where(known, redundancy, np.nan))
-        noise = np.log([noisier.range_std_m / batch.range_std_m, noisier.bearing_std_rad / batch.bearing_std_rad])
+        noise = np.log(
+            [noisier.range_std_m / batch.range_std_m, noisier.bearing_std_rad / batch.bearing_std_rad]
+        )
         batch = _moved(noisier, step)
         error = np.sqrt(np.diag(_last_columns(factor, len(step))[-len(PARAMETERS) :]))
         if np.all(np.abs(step[-len(PARAMETERS) :]) < SETTLED * error) and np.all(np.abs(noise) < 0.01):
             converged = True
             break
-    return Solution(batch, _covariance(batch, first.parameters), known, iteration, converged)
+    return Solution(batch, _covariance(batch, first.parameters), known, converged)
 
 
 def _factor(matrix: Any) -> Any:
@@ -134,7 +137,9 @@ def _covariance(batch: Batch, first_parameters: Floats) -> Floats:
     columns = _last_columns(factor, scores.matrix.shape[0])
     sightings = 2 * len(batch.pose)
     share = np.ones(len(scores.residuals))
-    share[:sightings] = np.tile(np.maximum(_redundancy(factor, scores.rows[:sightings]), 0.1), len(batch.pose))
+    share[:sightings] = np.tile(
+        np.maximum(_redundancy(factor, scores.rows[:sightings]), 0.1), len(batch.pose)
+    )
     influence = (scores.rows @ columns) * (scores.residuals / np.sqrt(share))[:, None]
     pose = np.concatenate([np.repeat(batch.pose, 2), np.repeat(np.arange(len(batch.poses) - 1), 3)])
     block = pose * BLOCKS // len(batch.poses)
@@ -173,8 +178,8 @@ def _redundancy(factor: Any, seen: Any) -> Floats:
 def _with_noise(batch: Batch, residuals: Floats, redundancy: Floats) -> Batch:
     """Noise from the middle of the residuals; changes are bounded so that a bad start cannot run away.
 
-    Noise that poses and landmarks have begun to follow (redundancy NaN) stays as it is: nothing would stop its
-    fall.
+    Noise that poses and landmarks have begun to follow (redundancy NaN) stays as it is: nothing would stop
+    its fall.
     """
     now = np.array([batch.range_std_m, batch.bearing_std_rad])
     spread = GAUSSIAN_MAD * np.median(np.abs(residuals), axis=0) / np.sqrt(redundancy)

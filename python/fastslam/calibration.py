@@ -32,7 +32,7 @@ PRIOR_STD = (0.1, 0.5, 1.0, 1.0, 0.5)
 """How far the parameters may be expected from the configured ones, in the order of PARAMETERS."""
 SIGNIFICANT = 3.0
 LEAST_GAIN = 0.25
-"""A parameter is observable when the log narrows what was known of it to less than this share of its prior."""
+"""A parameter is observable when its standard error is less than this share of what was assumed of it."""
 INTERVAL_STD_ERRORS = float(student_t.ppf(0.975, BLOCKS - 1))
 """Half the width of a 95 % interval: the standard error is itself estimated, from so many blocks."""
 LEAST_SIGHTINGS = 100
@@ -65,7 +65,7 @@ class Parameter:
 
     @property
     def significant(self) -> bool:
-        """Whether it is observable and differs from the configured by more than SIGNIFICANT standard errors."""
+        """Whether it is observable and SIGNIFICANT standard errors or more from the configured value."""
         return self.observable and abs(self.value - self.configured) > SIGNIFICANT * self.standard_error
 
 
@@ -149,7 +149,7 @@ def _within_range(
 ) -> tuple[Ints, Ints]:
     """The sightings whose landmark lies within the sensor's limits on the map of the run.
 
-    Limits on the ranges themselves would keep those that err towards the sensor, and make the scale too small.
+    Limits on the ranges themselves would keep those that err towards the sensor: the scale would shrink.
     """
     pose, mounting = _path_at(result, stamp_s[rows]), sensor["mounting"]
     cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])

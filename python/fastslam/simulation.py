@@ -82,7 +82,7 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
 
 
 def _scans(columns: dict[str, Any], settings: Settings) -> Scans | None:
-    """The scans with the mounting and the beam noise of the simulated laser; None where there are sightings."""
+    """The scans with the mounting and the noise of the simulated laser; None where there are sightings."""
     if "scan_stamp_s" not in columns:
         return None
     mounting, laser = settings["sensor"]["mounting"], settings["scan"]["laser"]

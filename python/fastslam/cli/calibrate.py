@@ -35,7 +35,8 @@ def calibrate_sensor(
     """Estimate the sensor's mounting, systematic errors and noise from what a run leaves unexplained.
 
     What differs from the configured value by three standard errors goes into a file that `fastslam run
-    --config` takes; what the log cannot tell is named and left alone. Ranges and odometry alone do not tell which of them is in true metres: --reference does.
+    --config` takes; what the log cannot tell is named and left alone. Ranges and odometry alone do not
+    tell which of them is in true metres: --reference does.
 
     Settings come from: defaults < the log's own < --config < --set.
 
@@ -62,7 +63,9 @@ def _warnings(found: Calibration) -> list[str]:
     hidden = [parameter.key for parameter in found.parameters if not parameter.observable]
     warnings = []
     if hidden:
-        warnings.append(f"this log does not tell {', '.join(hidden)}: drive curves, see landmarks from all sides")
+        warnings.append(
+            f"this log does not tell {', '.join(hidden)}: drive curves, see landmarks from all sides"
+        )
     if not found.converged:
         warnings.append("the estimate had not settled when it was stopped: take it with care")
     return warnings

@@ -39,8 +39,8 @@ DETECTOR: dict[str, Any] = {
     "kind": "reflectors",
     "reflectors": {"radius_m": 0.03, "range_std_m": 0.1, "bearing_std_rad": 0.01},
 }
-# Retro-reflectors read long on this scanner, and it is turned to the right by a degree: what `fastslam calibrate
-# --reference odometry` finds in run 3, without a look at its truth.
+# Retro-reflectors read long on this scanner, and it is turned to the right by a degree: what
+# `fastslam calibrate --reference odometry` finds in run 3, without a look at its truth.
 RANGE_SCALE, RANGE_BIAS_M, LASER_YAW_RAD = 1.006, 0.0105, -0.016
 FLATTENING = 0.003352810664747
 ORIGIN_LATITUDE_DEG, ORIGIN_LONGITUDE_DEG = -33.8884, 151.1948
@@ -94,9 +94,7 @@ def _scans(path: Path) -> Scans:
     ranges_m = ((packed & 0x1FFF) / 100.0).astype(np.float32)
     intensities = (packed >> 13).astype(np.float32)
     mounting = (0.0, 0.0, LASER_YAW_RAD)
-    return Scans(
-        stamp_s, ranges_m, geometry, intensities=intensities, mounting=mounting, detector=DETECTOR
-    )
+    return Scans(stamp_s, ranges_m, geometry, intensities=intensities, mounting=mounting, detector=DETECTOR)
 
 
 def _truth(path: Path) -> TruthTrajectory:

@@ -61,7 +61,12 @@ def plot_scan(
         color = COLORS[name] if number >= 0 else NO_PIECE_COLOR
         count = len(np.unique(piece[chosen])) if number >= 0 else int(chosen.sum())
         axis.plot(
-            -points_m[chosen, 1], points_m[chosen, 0], ".", color=color, markersize=4, label=f"{name} ({count})"
+            -points_m[chosen, 1],
+            points_m[chosen, 0],
+            ".",
+            color=color,
+            markersize=4,
+            label=f"{name} ({count})",
         )
     _label_rejected(axis, points_m, piece, pieces)
     chosen_rows = np.flatnonzero((detections.scan_index == scan) & (detections.range_m <= max_range_m))
@@ -71,8 +76,8 @@ def plot_scan(
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("to the right [m]")
     axis.set_ylabel("ahead [m]")
-    count = f"{len(chosen_rows)} detection" + ("" if len(chosen_rows) == 1 else "s")
-    axis.set_title(f"Scan {scan} at {scans.stamp_s[scan]:.2f} s: {count}")
+    said = f"{len(chosen_rows)} detection" + ("" if len(chosen_rows) == 1 else "s")
+    axis.set_title(f"Scan {scan} at {scans.stamp_s[scan]:.2f} s: {said}")
     style.legend_below(axis)
     return axis
 
@@ -132,7 +137,7 @@ def write_scan_page(log: Log, path: Path | str, *, config: Layer | None = None) 
     scans = _scans(log)
     found, pieces = explain(scans, SCHEMA.merge(scans.detector, config or {}))
     every = -(-len(scans.stamp_s) // MAX_PAGE_SCANS)
-    shown = np.arange(0, len(scans.stamp_s), every)
+    shown = list(range(0, len(scans.stamp_s), every))
     raw: Floats = scans.ranges_m[shown].astype(np.float64)
     clean = np.nan_to_num(raw, nan=0.0, posinf=0.0, neginf=0.0)
     clean[(clean < scans.geometry.min_range_m) | (clean >= scans.geometry.max_range_m)] = 0.0
@@ -142,7 +147,7 @@ def write_scan_page(log: Log, path: Path | str, *, config: Layer | None = None) 
         "first_angle_rad": scans.geometry.first_angle_rad,
         "angle_step_rad": scans.geometry.angle_step_rad,
         "beams": int(scans.ranges_m.shape[1]),
-        "scan": shown.tolist(),
+        "scan": shown,
         "stamp_s": scans.stamp_s[shown].tolist(),
         "view_m": _view_m(found),
         "ranges_cm": base64.b64encode(centimetres.tobytes()).decode("ascii"),
@@ -183,7 +188,9 @@ def _draw_detection(axis: Axes, found: Detections, row: int) -> None:
     variance = found.covariance[row]
     root = np.linalg.cholesky(np.array([[variance[0], variance[1]], [variance[1], variance[2]]]))
     ellipse = np.array([[range_m], [bearing_rad]]) + 2 * root @ np.array([np.cos(turn), np.sin(turn)])
-    axis.plot(-ellipse[0] * np.sin(ellipse[1]), ellipse[0] * np.cos(ellipse[1]), color=style.INK, lw=0.7, ls=":")
+    axis.plot(
+        -ellipse[0] * np.sin(ellipse[1]), ellipse[0] * np.cos(ellipse[1]), color=style.INK, lw=0.7, ls=":"
+    )
     ahead_m, right_m = range_m * np.cos(bearing_rad), -range_m * np.sin(bearing_rad)
     axis.plot(right_m, ahead_m, "+", color=style.INK, markersize=9)
     diameter_m = found.signature[row]
