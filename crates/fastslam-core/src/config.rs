@@ -2,8 +2,8 @@
 
 use crate::association::validate_below;
 pub use crate::association::{Classes, ExistenceForm, Merging, MergingRule, Method, Signatures};
-use crate::filter::Sighting;
 use crate::error::{finite, positive, Error, Result};
+use crate::filter::Sighting;
 use crate::geometry::Pose;
 use crate::measurement::Sensor;
 use crate::motion::Motion;

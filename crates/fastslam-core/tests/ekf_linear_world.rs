@@ -3,9 +3,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use fastslam_core::association::Appearance;
 use fastslam_core::config::Config;
 use fastslam_core::ekf_slam::EkfSlam;
-use fastslam_core::association::Appearance;
 use fastslam_core::filter::{Identities, Sighting};
 use fastslam_core::measurement::Cartesian;
 use fastslam_core::motion::{Increments, Motion};

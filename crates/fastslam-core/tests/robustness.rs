@@ -285,8 +285,12 @@ fn any_sighting() -> impl Strategy<Value = Sighting> {
             Some(Symmetric2::new(a * a, r * a * b, b * b))
         }),
     ];
-    (number(0.0..30.0), number(-4.0..4.0), prop::option::weighted(0.6, 0_u32..6), noise)
-        .prop_map(|(range_m, bearing_rad, identity, noise)| Sighting { noise, ..Sighting::range_bearing(range_m, bearing_rad, identity) })
+    (number(0.0..30.0), number(-4.0..4.0), prop::option::weighted(0.6, 0_u32..6), noise).prop_map(
+        |(range_m, bearing_rad, identity, noise)| Sighting {
+            noise,
+            ..Sighting::range_bearing(range_m, bearing_rad, identity)
+        },
+    )
 }
 
 fn any_log() -> impl Strategy<Value = Vec<(f64, f64, Vec<Sighting>)>> {

@@ -219,9 +219,7 @@ impl Rules {
         Self {
             method: association.method,
             gate: gate(association.gate_probability),
-            log_new_density: association
-                .clutter_density
-                .map_or(log_new_density, |clutter| math::ln(density + clutter)),
+            log_new_density: association.clutter_density.map_or(log_new_density, |clutter| math::ln(density + clutter)),
             initial_log_odds: association.clutter_density.map(|clutter| math::ln(density / clutter)),
             log_most_evidence: association.log_most_evidence(),
             joint_gates: joint_gates(association.gate_probability),

@@ -15,5 +15,5 @@ pub use decide::{
 pub use grid::{Box2, Grid};
 pub use joint::{decide_joint, joint_gates, Outcome, MOST_JOINT};
 pub use sampled::decide_sampled;
-pub use settings::{Appearance, Classes, ExistenceForm, Merging, MergingRule, Method, Signatures};
 pub(crate) use settings::{logistic, validate_below};
+pub use settings::{Appearance, Classes, ExistenceForm, Merging, MergingRule, Method, Signatures};

@@ -164,7 +164,9 @@ impl<M: MeasurementModel> FastSlam<M> {
                     score[i] += missed;
                 }
                 log_odds[i] = match verdict {
-                    Verdict::Sighted(density) => (log_odds[i] + gained(association, *density)).min(settings.highest_log_odds),
+                    Verdict::Sighted(density) => {
+                        (log_odds[i] + gained(association, *density)).min(settings.highest_log_odds)
+                    }
                     _ => log_odds[i] - missed_log_odds,
                 };
                 if removes && log_odds[i] < lowest {

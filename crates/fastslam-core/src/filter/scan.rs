@@ -1,7 +1,7 @@
 //! Steps in which particles decide which landmark a sighting shows.
 
-use super::{FastSlam, Particles, StepInfo};
 use super::scan_methods::explain;
+use super::{FastSlam, Particles, StepInfo};
 use crate::association::{Belief, CandidateTable, Decision, Outcome, ParticleHypothesis, Scratch};
 use crate::config::{Algorithm, ExistenceForm, MergingRule};
 use crate::error::Result;

@@ -7,8 +7,8 @@
 
 #![allow(dead_code)] // Every test binary compiles its own copy and uses a part of it.
 
-use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::association::Appearance;
+use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::Sighting;
 use fastslam_core::measurement::Cartesian;
 use fastslam_core::motion::{Increments, Motion};
