@@ -168,7 +168,7 @@ fn bad_detections_never_poison_the_map() {
 }
 
 #[test]
-fn two_landmarks_of_one_map_that_were_never_seen_together_become_one() {
+fn two_landmarks_of_one_map_that_are_never_seen_together_become_one() {
     // A landmark is seen, then again 0.55 m farther for a while (a new one, far outside the gates).
     let run = |rule: MergingRule, together: bool| {
         let mut config = bayes();
@@ -190,9 +190,9 @@ fn two_landmarks_of_one_map_that_were_never_seen_together_become_one() {
     };
     let (map, merged) = run(MergingRule::Never, false);
     assert_eq!((map.len(), merged), (2, 0));
-    let (map, merged) = run(MergingRule::NeverSeenTogether, true);
+    let (map, merged) = run(MergingRule::Nearby, true);
     assert_eq!((map.len(), merged), (2, 0), "seen together, they are two things");
-    let (map, merged) = run(MergingRule::NeverSeenTogether, false);
+    let (map, merged) = run(MergingRule::Nearby, false);
     assert_eq!((map.len(), merged), (1, 1));
     assert_eq!(map[0].sightings, 40);
     // Between the two places, nearer to the one seen more often.
@@ -227,7 +227,7 @@ fn merging_what_different_particles_created_changes_no_particle() {
             .collect();
         (maps, infos, filter.store_usage().rows)
     };
-    let (apart, once) = (run(MergingRule::Never), run(MergingRule::NeverSeenTogether));
+    let (apart, once) = (run(MergingRule::Never), run(MergingRule::Nearby));
     assert_eq!((&apart.0, &apart.1), (&once.0, &once.1));
     assert!(apart.0.iter().any(|map| map.len() == 2) && apart.0.iter().any(|map| map.len() == 1));
 }

@@ -179,7 +179,7 @@ fn with_everything(config: &mut Config, method: Method) {
     association.signatures = Some(Signatures { std: 0.1, spread: 1.0 });
     association.existence.form = ExistenceForm::Bayes;
     association.existence.removal = Removal::WhenMissed;
-    association.merging.rule = MergingRule::NeverSeenTogether;
+    association.merging.rule = MergingRule::Nearby;
     association.merging.tolerance_std_m = 0.1;
 }
 

@@ -127,9 +127,9 @@ pub enum MergingRule {
     /// Never.
     #[default]
     Never,
-    /// Landmarks that lie together and were never sighted in one scan; and, without a change to any particle, the
+    /// Landmarks that lie together and are hardly ever sighted in one scan; and, without a change to any particle, the
     /// landmarks that different particles created for one thing.
-    NeverSeenTogether,
+    Nearby,
 }
 
 impl Merging {

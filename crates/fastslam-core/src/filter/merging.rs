@@ -11,27 +11,34 @@ use crate::landmark::{column, gaussian_in, Gaussian};
 use crate::math;
 use crate::measurement::MeasurementModel;
 use crate::store::Rows;
-use rustc_hash::FxHashSet;
+use rustc_hash::FxHashMap;
 
 /// Duplicates are looked for in every so many steps.
 const PERIOD: u64 = 8;
 
+/// Two landmarks are two things when the younger was sighted together with the older once in so many sightings.
+///
+/// **Why:** not never, because a particle that takes a sighting for the wrong one of two duplicates takes another one of
+/// the scan for the right one now and then.
+const RARE: f64 = 20.0;
+
 /// What merging remembers.
 #[derive(Clone, Debug, Default)]
 pub struct Merger {
-    /// Births of landmarks that some particle sighted in one scan: two things, not one. The lesser birth first.
-    together: FxHashSet<(u64, u64)>,
+    /// In how many scans the best particle sighted two landmarks, named by their births, the lesser one first.
+    together: FxHashMap<(u64, u64), u32>,
 }
 
 impl Merger {
-    fn note(&mut self, a: u64, b: u64) {
+    fn note(&mut self, a: u64, b: u64, scans: u32) {
         if a != b {
-            self.together.insert((a.min(b), a.max(b)));
+            *self.together.entry((a.min(b), a.max(b))).or_default() += scans;
         }
     }
 
-    fn were_together(&self, a: u64, b: u64) -> bool {
-        self.together.contains(&(a.min(b), a.max(b)))
+    /// Scans in which both were sighted.
+    fn together(&self, a: u64, b: u64) -> u32 {
+        self.together.get(&(a.min(b), a.max(b))).copied().unwrap_or(0)
     }
 
     /// What holds of landmark `from` holds of `into` from now on.
@@ -41,9 +48,10 @@ impl Merger {
             (_, true) => Some(*a),
             _ => None,
         };
-        let partners: Vec<u64> = self.together.iter().filter_map(partner).collect();
-        self.together.retain(|pair| partner(pair).is_none());
-        partners.into_iter().for_each(|other| self.note(other, into));
+        let partners: Vec<(u64, u32)> =
+            self.together.iter().filter_map(|(pair, scans)| Some((partner(pair)?, *scans))).collect();
+        self.together.retain(|pair, _| partner(pair).is_none());
+        partners.into_iter().for_each(|(other, scans)| self.note(other, into, scans));
     }
 }
 
@@ -71,9 +79,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         slots.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
         for (place, &younger) in slots.iter().enumerate() {
             for &older in &slots[..place] {
-                let births = [older, younger].map(|slot| self.landmarks.birth(slot));
-                let alive = births.iter().all(|birth| *birth != u64::MAX);
-                if alive && !self.merger.were_together(births[0], births[1]) {
+                if [older, younger].iter().all(|slot| self.landmarks.slot(*slot).is_some()) {
                     info.merged += self.merge(older, younger);
                 }
             }
@@ -82,25 +88,18 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     fn note_sighted_together(&mut self, decisions: &[Decision], table: &CandidateTable) {
         let share = decisions.len() / self.particles.len();
+        let best = self.particles.best();
         let founded = |j: usize| self.founded.iter().find(|(index, _)| *index == j).map(|(_, slot)| *slot);
-        let mut last: &[Decision] = &[];
-        for mine in decisions.chunks_exact(share) {
-            // Copies of one ancestor decided alike.
-            if mine == last {
-                continue;
-            }
-            last = mine;
-            let slot = |(j, decision): (usize, &Decision)| match decision {
-                Decision::Landmark(candidate) => Some(table.slots[*candidate as usize]),
-                Decision::New => founded(j),
-                Decision::Ignored => None,
-            };
-            let slots = mine.iter().enumerate().filter_map(slot);
-            // What was removed since has no birth.
-            let births: Vec<u64> = slots.filter_map(|slot| self.landmarks.slot(slot)).map(|slot| slot.birth).collect();
-            for (place, a) in births.iter().enumerate() {
-                births[..place].iter().for_each(|b| self.merger.note(*a, *b));
-            }
+        let slot = |(j, decision): (usize, &Decision)| match decision {
+            Decision::Landmark(candidate) => Some(table.slots[*candidate as usize]),
+            Decision::New => founded(j),
+            Decision::Ignored => None,
+        };
+        let slots = decisions[best * share..][..share].iter().enumerate().filter_map(slot);
+        // What was removed since has no birth.
+        let births: Vec<u64> = slots.filter_map(|slot| self.landmarks.slot(slot)).map(|slot| slot.birth).collect();
+        for (place, a) in births.iter().enumerate() {
+            births[..place].iter().for_each(|b| self.merger.note(*a, *b, 1));
         }
     }
 
@@ -112,15 +111,18 @@ impl<M: MeasurementModel> FastSlam<M> {
         let old = copy(self.landmarks.read(older), columns);
         let young = copy(self.landmarks.read(younger), columns);
         let (old, young) = (Rows::new(&old, n), Rows::new(&young, n));
-        let Some(union) = self.union(&old, &young) else { return 0 };
+        let together = self.merger.together(self.landmarks.birth(older), self.landmarks.birth(younger));
+        let Some(union) = self.union(&old, &young, f64::from(together)) else { return 0 };
         let touched: Vec<bool> = (0..n).map(|i| union.moved[i] || union.fused[i]).collect();
+        let unsure = self.config.association.merging.tolerance_std_m > 0.0;
         self.landmarks.update(older, Some(&touched), |mut rows| {
             for i in (0..n).filter(|i| touched[*i]) {
                 if union.moved[i] {
                     (0..columns).for_each(|c| rows.column(c)[i] = young.column(c)[i]);
                 } else if let (Some(a), Some(b)) = (gaussian_in(&old, i), gaussian_in(&young, i)) {
-                    let both = product(&a, &b);
-                    rows.column(column::SIGHTINGS)[i] += young.column(column::SIGHTINGS)[i];
+                    let counts = [&old, &young].map(|rows| rows.column(column::SIGHTINGS)[i]);
+                    let both = if unsure { spread_product(&a, &b, counts) } else { product(&a, &b) };
+                    rows.column(column::SIGHTINGS)[i] = counts[0] + counts[1];
                     rows.column(column::MEAN_X)[i] = both.mean[0];
                     rows.column(column::MEAN_Y)[i] = both.mean[1];
                     rows.column(column::COV_XX)[i] = both.covariance.xx;
@@ -151,8 +153,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
     }
 
-    /// Where the two landmarks mean one thing: nearer to each other than the gate. `None` when nowhere.
-    fn union(&self, old: &Rows<'_>, young: &Rows<'_>) -> Option<Union> {
+    /// Where the two landmarks mean one thing: nearer to each other than the gate, and hardly ever sighted together.
+    /// `None` when nowhere.
+    fn union(&self, old: &Rows<'_>, young: &Rows<'_>, together: f64) -> Option<Union> {
         let n = self.particles.len();
         let merging = &self.config.association.merging;
         let gate = -2.0 * math::ln(1.0 - merging.gate_probability);
@@ -164,6 +167,10 @@ impl<M: MeasurementModel> FastSlam<M> {
             let Some(b) = gaussian_in(young, i) else { continue };
             let own = gaussian_in(old, i);
             let Some(a) = own.or(elsewhere) else { continue };
+            let sightings = young.column(column::SIGHTINGS)[i];
+            if together * RARE > sightings {
+                continue;
+            }
             if distance_squared(&a, &b, tolerance) <= gate {
                 let target = if own.is_some() { &mut union.fused } else { &mut union.moved };
                 target[i] = true;
@@ -230,6 +237,20 @@ fn product(a: &Gaussian, b: &Gaussian) -> Gaussian {
     Gaussian { mean: push(&covariance, [u[0] + v[0], u[1] + v[1]]), covariance }
 }
 
+/// The product, as uncertain as the two disagree: the variance between them, by their numbers of sightings, is added.
+///
+/// **Why:** two places that lie apart by more than their covariances allow say that a particle's own error is larger
+/// than it knows; without this the sightings of one of them would found a duplicate again.
+fn spread_product(a: &Gaussian, b: &Gaussian, [m, n]: [f64; 2]) -> Gaussian {
+    let Gaussian { mean, covariance: c } = product(a, b);
+    let between = m * n / ((m + n) * (m + n));
+    let [x, y] = [a.mean[0] - b.mean[0], a.mean[1] - b.mean[1]];
+    Gaussian {
+        mean,
+        covariance: Symmetric2::new(c.xx + between * x * x, c.xy + between * x * y, c.yy + between * y * y),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -248,9 +269,10 @@ mod tests {
     #[test]
     fn what_was_seen_together_stays_so_under_another_name() {
         let mut merger = Merger::default();
-        merger.note(7, 2);
-        merger.note(7, 9);
+        merger.note(7, 2, 3);
+        merger.note(7, 9, 1);
+        merger.note(4, 2, 1);
         merger.rename(7, 4);
-        assert!(merger.were_together(4, 2) && merger.were_together(9, 4) && !merger.were_together(7, 2));
+        assert_eq!([merger.together(4, 2), merger.together(9, 4), merger.together(7, 2)], [4, 1, 0]);
     }
 }
