@@ -91,9 +91,9 @@ class FastSlam:
 
         Shapes: all (S,); `covariance` (S, 3) is that of each range and bearing as (m², m·rad, rad²), NaN
         where the sensor's own noise holds. `class_index` (-1: none) and `signature` (NaN: none) count where
-        `association.classes` and `association.signatures` are configured. Errors: `DataError` for columns of different lengths, a stamp
-        before the last one, or an identity that is neither name nor number; `NumericalError` when the filter
-        cannot go on.
+        `association.classes` and `association.signatures` are configured. Errors: `DataError` for columns of
+        different lengths, a stamp before the last one, or an identity that is neither name nor number;
+        `NumericalError` when the filter cannot go on.
         """
         if not (np.isfinite(stamp_s) and stamp_s >= self._updated_s):
             raise DataError(f"stamp_s: got {stamp_s}, expected a finite time not before {self._updated_s}")

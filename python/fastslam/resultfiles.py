@@ -356,16 +356,27 @@ def _read_landmarks(path: Path) -> LandmarkMap:
     numbers = [[_number(cell, float, path, line) for cell in row[1:places]] for line, row in rows]
     table = np.array(numbers, dtype=float).reshape(-1, 6)
     more = [row[places:] for _, row in rows]
-    confirmed = [int(_number(cells[0], int, path, line)) for cells, (line, _) in zip(more, rows, strict=True) if any(cells[:1])]
+    confirmed = [
+        int(_number(cells[0], int, path, line))
+        for cells, (line, _) in zip(more, rows, strict=True)
+        if any(cells[:1])
+    ]
     names = tuple(sorted({cells[1] for cells in more if any(cells[1:2])}))
-    signatures = [_number(cells[2], float, path, line) if any(cells[2:]) else math.nan for cells, (line, _) in zip(more, rows, strict=True)]
+    signatures = [
+        _number(cells[2], float, path, line) if any(cells[2:]) else math.nan
+        for cells, (line, _) in zip(more, rows, strict=True)
+    ]
     return LandmarkMap(
         ids=tuple(row[0] for _, row in rows),
         mean_m=table[:, :2],
         covariance_m2=table[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
         sightings=table[:, 5].astype(np.int64),
         confirmed=np.array(confirmed, dtype=np.bool_) if rows and len(confirmed) == len(rows) else None,
-        class_index=np.array([names.index(cells[1]) if any(cells[1:2]) else -1 for cells in more], dtype=np.int64) if names else None,
+        class_index=np.array(
+            [names.index(cells[1]) if any(cells[1:2]) else -1 for cells in more], dtype=np.int64
+        )
+        if names
+        else None,
         signature=np.array(signatures) if np.isfinite(signatures).any() else None,
         class_names=names,
     )

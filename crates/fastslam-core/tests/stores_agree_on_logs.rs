@@ -180,7 +180,7 @@ fn with_everything(config: &mut Config, method: Method) {
     association.existence.form = ExistenceForm::Bayes;
     association.existence.removal = Removal::WhenMissed;
     association.merging.rule = MergingRule::Nearby;
-    association.merging.tolerance_std_m = 0.1;
+    association.merging.tolerance_std_m = 0.5;
 }
 
 const METHODS: [Method; 4] = [Method::MaximumLikelihood, Method::Sampled, Method::Assignment, Method::Joint];

@@ -28,8 +28,8 @@ class LandmarkMatching:
 
     `identities` are the ids that name a true landmark; every other estimate is matched by position.
     `initial` is `T_truth_estimate` from the paths where those are known; else it is searched for (seeded).
-    `min_sightings` leaves out estimates seen less often; None leaves out those that are provisional, and where
-    the map does not say, is 1 for identities and 5 for the others.
+    `min_sightings` leaves out estimates seen less often; None leaves out those that are provisional, and
+    where the map does not say, is 1 for identities and 5 for the others.
     """
 
     identities: Collection[str] = ()

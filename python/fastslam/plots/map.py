@@ -102,9 +102,7 @@ def landmark_groups(landmarks: LandmarkMap) -> list[LandmarkGroup]:
         if rows.any():
             color = style.LANDMARK if not name else class_color(name, known.index(name))
             label = "landmark" if not known else f"landmark, {name or 'class unknown'}"
-            groups.append(
-                LandmarkGroup(label, color, landmarks.mean_m[rows], landmarks.covariance_m2[rows])
-            )
+            groups.append(LandmarkGroup(label, color, landmarks.mean_m[rows], landmarks.covariance_m2[rows]))
     return groups
 
 
