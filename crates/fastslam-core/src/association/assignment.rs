@@ -15,7 +15,7 @@ const IMPOSSIBLE: f64 = 1e12;
 ///
 /// `costs[r * columns + c]`, finite. Returns the column of every row. O(rows² · columns).
 ///
-/// **Source:** `jonker1987`, shortest augmenting paths with dual prices.
+/// **Source:** `jonker1987shortest`, shortest augmenting paths with dual prices.
 pub fn assign(costs: &[f64], rows: usize, columns: usize) -> Vec<usize> {
     // Prices of rows and columns; the row that holds each column; index 0 is a column that nobody wants.
     let (mut row_price, mut column_price) = (vec![0.0; rows + 1], vec![0.0; columns + 1]);

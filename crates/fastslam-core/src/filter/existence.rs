@@ -88,7 +88,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.find_in_view(slot, &mut verdicts);
             if let Some(candidate) = table.slots.iter().position(|s| *s == slot) {
                 let sighted = &sighted[candidate * table.particles..][..table.particles];
-                let densities = &self.sighting_densities[candidate * table.particles..][..table.particles];
+                let densities = &self.sighting_densities[candidate * verdicts.len()..][..verdicts.len()];
                 for (i, verdict) in verdicts.iter_mut().enumerate().filter(|(i, _)| sighted[*i]) {
                     *verdict = Verdict::Sighted(densities[i]);
                 }

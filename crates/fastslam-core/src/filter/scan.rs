@@ -27,7 +27,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let first_birth = self.landmarks.births();
         self.founded.clear();
         self.sighting_densities.clear();
-        self.sighting_densities.resize(table.slots.len() * table.particles, 0.0);
+        self.sighting_densities.resize(table.slots.len() * self.particles.len(), 0.0);
         for (j, sighting) in scan.iter().enumerate() {
             let decided: Vec<Decision> = decisions.iter().skip(j).step_by(scan.len()).copied().collect();
             self.correct_decided((j, sighting), &decided, &table, info);
