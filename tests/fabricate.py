@@ -104,6 +104,7 @@ def make_steps(stamp_s: Floats) -> Steps:
         stamp_s=stamp_s,
         effective_sample_size=100.0 - 5.0 * (np.arange(count) % 10),
         resampled=resampled,
+        rejuvenated=np.zeros(count, dtype=np.bool_),
         log_likelihood=np.full(count, -0.5),
         sightings=np.full(count, 2, dtype=np.int64),
         new_landmarks=np.zeros(count, dtype=np.int64),

@@ -32,6 +32,7 @@ class StepInfo:
     skipped: int
     effective_sample_size: float
     resampled: bool
+    rejuvenated: bool
     log_likelihood: float
     landmarks: int
 
@@ -114,6 +115,15 @@ class FastSlam:
             )
         self._stamp_s = self._updated_s = stamp_s
         return StepInfo(**columns)
+
+    def rejuvenate(self) -> bool:
+        """Draws all particles anew from the posterior over paths and maps, given the best particle's associations.
+
+        For the end of a log, or a moment when the robot stands; by itself the filter does it as often as
+        `filter.rejuvenation` says. Returns False when `filter.rejuvenation.every_steps` is 0, when nothing
+        happened since the last time, or when no solution was found.
+        """
+        return self._filter.rejuvenate()
 
     def step(
         self,

@@ -55,6 +55,8 @@ class Steps:
     stamp_s: Floats
     effective_sample_size: Floats
     resampled: Bools
+    rejuvenated: Bools
+    """Whether all particles were drawn anew from the posterior over paths."""
     log_likelihood: Floats
     """Increment of the log evidence."""
     sightings: Ints

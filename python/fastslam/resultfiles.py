@@ -36,6 +36,7 @@ STEP_COLUMNS: dict[str, type] = {
     "stamp_s": float,
     "effective_sample_size": float,
     "resampled": bool,
+    "rejuvenated": bool,
     "log_likelihood": float,
     "sightings": int,
     "new_landmarks": int,

@@ -61,6 +61,8 @@ pub struct FilterConfig {
     /// Power to which each sighting's likelihood is raised: 1 is Bayes' rule; 0.2 to 0.5 suits sightings so dense that
     /// their errors repeat.
     pub likelihood_exponent: f64,
+    /// When all particles are drawn anew from the posterior over whole paths.
+    pub rejuvenation: RejuvenationConfig,
     /// Longest time between recorded poses: a gap without sightings is filled with steps this far apart.
     pub path_period_s: f64,
 }
@@ -73,8 +75,34 @@ impl Default for FilterConfig {
             threads: 1,
             resampling: ResamplingConfig::default(),
             likelihood_exponent: 1.0,
+            rejuvenation: RejuvenationConfig::default(),
             path_period_s: 0.5,
         }
+    }
+}
+
+/// When all particles are drawn anew from the posterior over whole paths, given the best particle's associations.
+///
+/// It undoes what resampling loses: after a late loop closure the whole path moves, not only the present pose. It
+/// remembers all motions and sightings, and a draw takes time in proportion to them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct RejuvenationConfig {
+    /// Fewest steps (with sightings) between two draws; 0 for none at all.
+    pub every_steps: u32,
+    /// Fewest steps between two draws as a fraction of the log so far: with more than 0 the time for all draws together
+    /// stays in proportion to the log.
+    pub growth: f64,
+    /// How far the draws lie from the most probable path: 1 as far as the posterior says. Less keeps the estimate nearer
+    /// to it when the next resamplings leave few of the draws, and makes its covariance too small.
+    pub spread: f64,
+    /// Draw only the poses of this many latest steps and hold the older ones; the whole path without it.
+    pub window_steps: Option<u32>,
+}
+
+impl Default for RejuvenationConfig {
+    fn default() -> Self {
+        Self { every_steps: 0, growth: 0.05, spread: 1.0, window_steps: None }
     }
 }
 
@@ -298,6 +326,11 @@ impl FilterConfig {
         fraction("resampling.threshold", self.resampling.threshold)?;
         if !(self.likelihood_exponent > 0.0 && self.likelihood_exponent <= 1.0) {
             return Err(Error::parameter("likelihood_exponent", self.likelihood_exponent, "above 0, at most 1"));
+        }
+        fraction("rejuvenation.growth", self.rejuvenation.growth)?;
+        fraction("rejuvenation.spread", self.rejuvenation.spread)?;
+        if self.rejuvenation.window_steps == Some(0) {
+            return Err(Error::parameter("rejuvenation.window_steps", 0, "at least 1"));
         }
         positive("path_period_s", self.path_period_s)?;
         Ok(())

@@ -63,6 +63,27 @@ impl PathForest {
         }
     }
 
+    /// All paths become one, `poses`, but for the last pose, which `last` gives for each particle.
+    ///
+    /// `poses` has one pose for every [`PathForest::extend`] so far, the last included.
+    pub fn replace(&mut self, poses: &[Pose], last: impl Fn(usize) -> Pose) {
+        self.nodes.clear();
+        self.free.clear();
+        let Some(trunk) = poses.len().checked_sub(1) else { return };
+        for (step, &pose) in poses[..trunk].iter().enumerate() {
+            let parent = step.checked_sub(1).map_or(NONE, |parent| parent as u32);
+            self.nodes.push(Node { pose, step: step as u32, parent, holders: 1 });
+        }
+        let parent = trunk.checked_sub(1).map_or(NONE, |parent| parent as u32);
+        if parent != NONE {
+            self.nodes[parent as usize].holders = self.tips.len() as u32;
+        }
+        for (particle, tip) in self.tips.iter_mut().enumerate() {
+            *tip = self.nodes.len() as u32;
+            self.nodes.push(Node { pose: last(particle), step: trunk as u32, parent, holders: 1 });
+        }
+    }
+
     fn release(&mut self, mut index: u32) {
         while index != NONE {
             let node = &mut self.nodes[index as usize];

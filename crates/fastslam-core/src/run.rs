@@ -77,7 +77,12 @@ pub fn run(config: &Config, log: &LogData, observer: &mut dyn Observer) -> Resul
             }
         }
     }
-    out.filter_seconds = out.steps.iter().map(|s| s.latency_s).sum();
+    let started_s = observer.now_s();
+    if !out.interrupted {
+        filter.finish();
+    }
+    let finishing_s = observer.now_s() - started_s;
+    out.filter_seconds = out.steps.iter().map(|s| s.latency_s).sum::<f64>() + finishing_s;
     out.smoothed = with_unsampled(&filter.best_path(), &path_steps, config.initial_pose.T_world_robot());
     out.map = filter.map();
     out.usage = filter.usage();

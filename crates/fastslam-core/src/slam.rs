@@ -15,6 +15,8 @@ pub trait Slam: Send + Sync {
     fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()>;
     /// Processes all sightings of one stamp (there may be none).
     fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo>;
+    /// Ends a log: what the filter can still learn from the whole of it. Returns whether anything changed.
+    fn finish(&mut self) -> bool;
     /// Mean and covariance of the pose after the last update.
     fn pose(&self) -> PoseEstimate;
     /// Mean and covariance of the pose now.
@@ -45,6 +47,9 @@ impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
     }
     fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         FastSlam::update(self, stamp_s, sightings)
+    }
+    fn finish(&mut self) -> bool {
+        self.rejuvenate()
     }
     fn pose(&self) -> PoseEstimate {
         FastSlam::pose(self)
@@ -77,6 +82,9 @@ impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
     }
     fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         EkfSlam::update(self, stamp_s, sightings)
+    }
+    fn finish(&mut self) -> bool {
+        false
     }
     fn pose(&self) -> PoseEstimate {
         EkfSlam::pose(self)

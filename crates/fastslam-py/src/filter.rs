@@ -59,6 +59,7 @@ impl Filter {
         dict.set_item("ignored", info.ignored)?;
         dict.set_item("effective_sample_size", info.effective_sample_size)?;
         dict.set_item("resampled", info.resampled)?;
+        dict.set_item("rejuvenated", info.rejuvenated)?;
         dict.set_item("log_likelihood", info.log_likelihood)?;
         dict.set_item("landmarks", info.landmarks)?;
         let skipped = info.skipped;
@@ -80,6 +81,11 @@ impl Filter {
         let poses: Vec<f64> = hypotheses.iter().flat_map(|(pose, _)| pose.to_array()).collect();
         let weights: Vec<f64> = hypotheses.iter().map(|(_, weight)| *weight).collect();
         Ok((poses.into_pyarray(py).reshape([weights.len(), 3])?, weights.into_pyarray(py)))
+    }
+
+    /// Draws all particles anew from the posterior over paths; false when it was not configured or nothing changed.
+    fn rejuvenate(&mut self, py: Python<'_>) -> bool {
+        py.detach(|| self.filter.finish())
     }
 
     fn map<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

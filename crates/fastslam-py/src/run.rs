@@ -103,6 +103,7 @@ fn to_dict<'py>(py: Python<'py>, output: &RunOutput) -> PyResult<Bound<'py, PyDi
     dict.set_item("log_likelihood", column(&|s| s.info.log_likelihood))?;
     dict.set_item("latency_us", column(&|s| 1e6 * s.latency_s))?;
     dict.set_item("resampled", steps.iter().map(|s| s.info.resampled).collect::<Vec<_>>().into_pyarray(py))?;
+    dict.set_item("rejuvenated", steps.iter().map(|s| s.info.rejuvenated).collect::<Vec<_>>().into_pyarray(py))?;
     dict.set_item("sightings", counts(&|s| s.info.sightings.into()))?;
     dict.set_item("new_landmarks", counts(&|s| s.info.new_landmarks.into()))?;
     dict.set_item("ignored", counts(&|s| s.info.ignored.into()))?;

@@ -153,6 +153,7 @@ def run_metrics(result: RunResult) -> Metrics:
         "map_bytes": int(result.map_bytes),
         "step_latency_us": _latency(result),
         "resamplings": int(np.count_nonzero(steps.resampled)),
+        "rejuvenations": int(np.count_nonzero(steps.rejuvenated)),
         "mean_effective_sample_size": _finite(np.mean(steps.effective_sample_size))
         if len(steps.stamp_s)
         else None,

@@ -29,6 +29,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.restart_weights();
         }
         self.samplings += 1;
+        self.remember_identified(scan);
         Ok(())
     }
 
@@ -55,6 +56,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             };
             self.correct_all(slot, sighting);
         }
+        self.remember_identified(scan);
         Ok(())
     }
 

@@ -27,6 +27,8 @@ const RARE: f64 = 20.0;
 pub struct Merger {
     /// In how many scans the best particle sighted two landmarks, named by their births, the lesser one first.
     together: FxHashMap<(u64, u64), u32>,
+    /// Into which landmark another one went over in some map, by their births.
+    united: FxHashMap<u64, u64>,
 }
 
 impl Merger {
@@ -39,6 +41,19 @@ impl Merger {
     /// Scans in which both were sighted.
     fn together(&self, a: u64, b: u64) -> u32 {
         self.together.get(&(a.min(b), a.max(b))).copied().unwrap_or(0)
+    }
+
+    /// The birth under which a landmark is found in a map, after all that happened to it since; its own when nowhere.
+    pub fn present_name(&self, birth: u32, is_held: impl Fn(u32) -> bool) -> u32 {
+        let mut name = birth;
+        while !is_held(name) {
+            // Landmarks go over into older ones, so that this ends.
+            match self.united.get(&u64::from(name)) {
+                Some(older) => name = *older as u32,
+                None => return birth,
+            }
+        }
+        name
     }
 
     /// What holds of landmark `from` holds of `into` from now on.
@@ -131,6 +146,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 }
             }
         });
+        self.merger.united.insert(self.landmarks.birth(younger), self.landmarks.birth(older));
         self.merge_existence([older, younger], &touched);
         if let Some(appearances) = &mut self.landmarks.appearances {
             appearances.merge(younger, older, [&union.moved, &union.fused]);
@@ -273,6 +289,9 @@ mod tests {
         merger.note(7, 9, 1);
         merger.note(4, 2, 1);
         merger.rename(7, 4);
+        merger.united.extend([(9, 7), (7, 4)]);
+        assert_eq!([merger.present_name(9, |b| b == 4), merger.present_name(9, |b| b == 9)], [4, 9]);
+        assert_eq!(merger.present_name(9, |_| false), 9);
         assert_eq!([merger.together(4, 2), merger.together(9, 4), merger.together(7, 2)], [4, 1, 0]);
     }
 }

@@ -8,6 +8,7 @@ mod identified;
 mod landmarks;
 mod merging;
 mod particles;
+mod rejuvenation;
 mod scan;
 mod scan_methods;
 mod usable;
@@ -33,6 +34,7 @@ use appearance::Appearances;
 use beliefs::Beliefs;
 use landmarks::Landmarks;
 use merging::Merger;
+use rejuvenation::Rejuvenation;
 
 /// One detection of a landmark.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,6 +83,8 @@ pub struct StepInfo {
     pub log_likelihood: f64,
     /// Landmarks in the map of the best particle.
     pub landmarks: u32,
+    /// Whether all particles were drawn anew from the posterior over paths.
+    pub rejuvenated: bool,
     /// Whether the poses are samples now; without sightings FastSLAM 2.0 waits.
     pub sampled: bool,
 }
@@ -134,6 +138,8 @@ pub struct FastSlam<M = RangeBearing> {
     /// Threads that decide about associations; none when one is enough.
     workers: Option<rayon::ThreadPool>,
     path: PathForest,
+    /// What is remembered to draw paths anew; only when that is configured.
+    rejuvenation: Option<Rejuvenation>,
     weights: Weights,
     ancestor_indices: Vec<u32>,
     sensor_poses: SensorPoses,
@@ -193,6 +199,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             samplings: 0,
             steps: 0,
             path: PathForest::new(particles),
+            rejuvenation: (config.filter.rejuvenation.every_steps > 0).then(|| Rejuvenation::new(particles)),
             weights: Weights { values: vec![1.0 / particles as f64; particles], ..Weights::default() },
             ancestor_indices: Vec::with_capacity(particles),
             sensor_poses: SensorPoses::default(),
@@ -230,6 +237,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
             _ => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
         }
+        self.remember_motion(control, dt_s);
         self.controls += 1;
         Ok(())
     }
@@ -261,6 +269,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         if info.sampled {
             let particles = &self.particles;
             self.path.extend(stamp_s, |i| particles.pose(i));
+            self.remember_step();
+            if self.rejuvenation_is_due() {
+                info.rejuvenated = self.rejuvenate();
+            }
         }
         info.landmarks = self.particles.landmarks[self.particles.best()];
         self.steps += 1;
@@ -313,6 +325,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.particles.resample(&self.ancestor_indices);
         self.landmarks.resample(&self.ancestor_indices);
         self.path.resample(&self.ancestor_indices);
+        self.resample_history();
         info.resampled = true;
         true
     }

@@ -28,10 +28,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.founded.clear();
         self.sighting_densities.clear();
         self.sighting_densities.resize(table.slots.len() * self.particles.len(), 0.0);
+        let mut births = Vec::with_capacity(scan.len());
         for (j, sighting) in scan.iter().enumerate() {
+            births.push(self.landmarks.births());
             let decided: Vec<Decision> = decisions.iter().skip(j).step_by(scan.len()).copied().collect();
             self.correct_decided((j, sighting), &decided, &table, info);
         }
+        self.remember_decided(scan, &decisions, &table, &births);
         if self.judges_existence() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
         }

@@ -1,0 +1,115 @@
+//! Landmarks given paths: the exact factorisation, for many sampled paths side by side.
+
+use super::graph::Sights;
+use super::history::History;
+use crate::geometry::{Pose, Symmetric2};
+use crate::landmark::{Gaussian, Measured};
+use crate::measurement::MeasurementModel;
+use crate::vector::vectorized;
+
+/// Paths that are worked on side by side.
+pub const LANES: usize = 16;
+
+/// One coordinate of a pose in all lanes.
+pub type Lanes = [f64; LANES];
+
+/// Draws of paths with their landmarks, side by side.
+pub struct Draws {
+    /// Step of the first pose that was drawn.
+    pub first_free: usize,
+    /// (x, y, heading) of `T_world_robot`, one row per free step; in the end of `T_world_sensor`.
+    pub poses: Vec<[Lanes; 3]>,
+    /// `T_world_sensor` before the first free step, the same in all lanes.
+    pub held: Vec<Pose>,
+    /// (x, y) of every landmark of the graph.
+    pub landmarks: Vec<[Lanes; 2]>,
+}
+
+impl Draws {
+    /// Makes the drawn poses those of the sensor.
+    pub fn move_to_sensor(&mut self, T_robot_sensor: Pose) {
+        let poses = &mut self.poses;
+        vectorized(
+            #[inline(always)]
+            || {
+                for [x, y, heading] in poses.iter_mut() {
+                    for i in 0..LANES {
+                        let sensor = Pose::new(x[i], y[i], heading[i]).compose(T_robot_sensor);
+                        (x[i], y[i], heading[i]) = (sensor.x, sensor.y, sensor.heading);
+                    }
+                }
+            },
+        );
+    }
+
+    #[inline(always)]
+    fn sensor(&self, step: usize) -> [Lanes; 3] {
+        match step.checked_sub(self.first_free) {
+            Some(row) => self.poses[row],
+            None => self.held[step].to_array().map(|v| [v; LANES]),
+        }
+    }
+
+    /// A landmark given each path: one Gauss–Newton step in information form from the landmark drawn with the path,
+    /// which lies as near as the landmark is uncertain.
+    ///
+    /// **Source:** Σ⁻¹ = Σ_t G_θᵀ R⁻¹ G_θ, which the sequential updates of `montemerlo2002fastslam` compute too, but
+    /// each of those linearises where the landmark was thought to be at its time.
+    pub fn landmark_given_paths<M: MeasurementModel>(
+        &self,
+        model: &M,
+        history: &History,
+        sights: &Sights,
+        landmark: usize,
+    ) -> [Gaussian; LANES] {
+        let [x, y] = self.landmarks[landmark];
+        let mut sums = [[0.0; LANES]; 5];
+        vectorized(
+            #[inline(always)]
+            || {
+                for seen in &sights.seen {
+                    let sensor = self.sensor(seen.step as usize);
+                    add_sighting(model, *history.sighting(seen.sighting), &sensor, [&x, &y], &mut sums);
+                }
+            },
+        );
+        std::array::from_fn(|i| {
+            let [xx, xy, yy, pull_x, pull_y] = sums.each_ref().map(|sum| sum[i]);
+            let inverse = 1.0 / (xx * yy - xy * xy);
+            let covariance = Symmetric2::new(yy * inverse, -xy * inverse, xx * inverse);
+            let mean = [
+                x[i] + covariance.xx * pull_x + covariance.xy * pull_y,
+                y[i] + covariance.xy * pull_x + covariance.yy * pull_y,
+            ];
+            Gaussian { mean, covariance }
+        })
+    }
+}
+
+/// Adds what a sighting says about a landmark: the precision (xx, xy, yy) and the gradient (x, y).
+#[inline(always)]
+fn add_sighting<M: MeasurementModel>(
+    model: &M,
+    measured: Measured,
+    [sensor_x, sensor_y, heading]: &[Lanes; 3],
+    [x, y]: [&Lanes; 2],
+    [xx, xy, yy, pull_x, pull_y]: &mut [Lanes; 5],
+) {
+    let r = measured.noise;
+    let inverse = 1.0 / r.determinant();
+    for i in 0..LANES {
+        let linear = model.linearize(Pose::new(sensor_x[i], sensor_y[i], heading[i]), [x[i], y[i]]);
+        let [a, b] = model.innovation(measured.value, linear.expected);
+        let distance = (r.yy * a * a - 2.0 * r.xy * a * b + r.xx * b * b) * inverse;
+        let scale = inverse / measured.tail.noise_scale(distance);
+        let (w00, w01, w11) = (r.yy * scale, -r.xy * scale, r.xx * scale);
+        let [[g00, g01], [g10, g11]] = linear.by_landmark;
+        let (p00, p01) = (w00 * g00 + w01 * g10, w01 * g00 + w11 * g10);
+        let (p10, p11) = (w00 * g01 + w01 * g11, w01 * g01 + w11 * g11);
+        xx[i] += p00 * g00 + p01 * g10;
+        xy[i] += p00 * g01 + p01 * g11;
+        yy[i] += p10 * g01 + p11 * g11;
+        pull_x[i] += p00 * a + p01 * b;
+        pull_y[i] += p10 * a + p11 * b;
+    }
+}

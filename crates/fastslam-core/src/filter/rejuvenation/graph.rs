@@ -1,0 +1,473 @@
+//! The posterior over a path and its landmarks as a sparse least-squares problem, solved by Gauss–Newton.
+//!
+//! Unknowns are ordered poses first: (x, y, heading) of every free step, then (x, y) of every landmark seen from one.
+
+use super::factor::{Factor, UpperTriangle};
+use super::history::{History, Seen, Trajectory};
+use crate::geometry::{Matrix3, Pose};
+use crate::landmark::{Measured, Tail};
+use crate::math;
+use crate::measurement::MeasurementModel;
+use rustc_hash::FxHashMap;
+
+/// Added to the variances of every motion, in m² and rad².
+///
+/// **Why:** a control of two dimensions spans two of the three of a motion, and standing still none, so the precision
+/// of a motion need not exist. A tenth of a millimetre a step is one centimetre after 10,000 steps.
+const LEAST_VARIANCE: [f64; 3] = [1e-8, 1e-8, 1e-10];
+/// Iterations at most.
+const ITERATIONS: usize = 12;
+/// An undamped step that moves nothing by more than this (m, rad) is the last.
+const SMALL_STEP: f64 = 1e-3;
+/// Damping of the steps, relative to the diagonal, until one leads downhill.
+const DAMPING: [f64; 4] = [0.0, 1e-3, 1e-1, 1e1];
+
+/// Sightings of one landmark.
+#[derive(Clone, Debug)]
+pub struct Sights {
+    /// Birth of the landmark.
+    pub birth: u32,
+    /// When and as what it was seen, in the order of time.
+    pub seen: Vec<Seen>,
+}
+
+/// Sightings by landmark; the landmarks in the order of their first sighting.
+pub fn by_landmark(seen: &[Seen], known: impl Fn(u32) -> bool) -> Vec<Sights> {
+    let mut places: FxHashMap<u32, usize> = FxHashMap::default();
+    let mut sights: Vec<Sights> = Vec::new();
+    for &one in seen.iter().filter(|one| known(one.birth)) {
+        let place = *places.entry(one.birth).or_insert_with(|| {
+            sights.push(Sights { birth: one.birth, seen: Vec::new() });
+            sights.len() - 1
+        });
+        sights[place].seen.push(one);
+    }
+    sights
+}
+
+/// What is to be explained, and by which models.
+pub struct Graph<'a, M> {
+    /// Motions and sightings.
+    pub history: &'a History,
+    /// How the sensor sees.
+    pub model: &'a M,
+    /// Where it sits.
+    pub T_robot_sensor: Pose,
+    /// Power of each sighting's likelihood.
+    pub likelihood_exponent: f64,
+    /// Poses before this step stand still.
+    pub first_free: usize,
+    /// Landmarks seen from a free pose.
+    pub landmarks: Vec<Sights>,
+}
+
+/// A path with landmarks.
+#[derive(Clone, Debug)]
+pub struct Solution {
+    /// Path.
+    pub trajectory: Trajectory,
+    /// Positions of the graph's landmarks, metres.
+    pub landmarks: Vec<[f64; 2]>,
+}
+
+/// The likeliest solution with the factor of its precision.
+pub struct Mode {
+    /// Where the posterior is highest.
+    pub solution: Solution,
+    /// Of the precision there.
+    pub factor: Factor,
+}
+
+/// Where the blocks of the precision lie in its columns.
+struct Layout {
+    poses: usize,
+    /// Per landmark, the distinct free steps that saw it.
+    seen_from: Vec<Vec<u32>>,
+}
+
+impl<M: MeasurementModel> Graph<'_, M> {
+    /// The mode near a first guess; `None` when no finite solution was found.
+    pub fn solve(&self, guess: Solution) -> Option<Mode> {
+        let layout = self.layout(guess.trajectory.poses.len());
+        let mut matrix = self.structure(&layout);
+        let mut factor = Factor::of_structure(&matrix)?;
+        let (mut solution, mut cost) = (guess, f64::INFINITY);
+        for _ in 0..ITERATIONS {
+            let descent = self.linearize(&solution, &layout, &mut matrix);
+            cost = cost.min(self.cost(&solution));
+            let Some((better, converged)) = self.descend(&solution, cost, &descent, (&mut matrix, &mut factor)) else {
+                break;
+            };
+            solution = better;
+            if converged {
+                return Some(Mode { solution, factor });
+            }
+        }
+        self.linearize(&solution, &layout, &mut matrix);
+        let usable = self.cost(&solution).is_finite() && factor.factorize(&matrix);
+        usable.then_some(Mode { solution, factor })
+    }
+
+    /// A better solution by Gauss–Newton, damped only if it must be, and whether it is as good as the one before, so
+    /// that `factor` holds for both; `None` when there is none.
+    fn descend(
+        &self,
+        solution: &Solution,
+        cost: f64,
+        descent: &[f64],
+        (matrix, factor): (&mut UpperTriangle, &mut Factor),
+    ) -> Option<(Solution, bool)> {
+        for damping in DAMPING {
+            matrix.scale_diagonal(1.0 + damping);
+            if factor.factorize(matrix) {
+                let step = factor.solve(descent);
+                let moved = self.moved(solution, &step);
+                if self.cost(&moved) <= cost {
+                    let converged = damping == 0.0 && step.iter().all(|s| s.abs() < SMALL_STEP);
+                    return Some((moved, converged));
+                }
+            }
+            matrix.scale_diagonal(1.0 / (1.0 + damping));
+        }
+        None
+    }
+
+    fn layout(&self, steps: usize) -> Layout {
+        let free_steps = |sights: &Sights| {
+            let mut steps: Vec<u32> =
+                sights.seen.iter().map(|s| s.step).filter(|s| *s as usize >= self.first_free).collect();
+            steps.dedup();
+            steps
+        };
+        Layout { poses: steps - self.first_free, seen_from: self.landmarks.iter().map(free_steps).collect() }
+    }
+
+    /// The places of all numbers: a pose's column holds the pose before and its own triangle, a landmark's column the
+    /// poses that saw it and its own triangle.
+    fn structure(&self, layout: &Layout) -> UpperTriangle {
+        let mut upper = UpperTriangle { column_starts: vec![0], ..UpperTriangle::default() };
+        for pose in 0..layout.poses {
+            for c in 0..3 {
+                let before = 3 * pose.saturating_sub(1);
+                upper.rows.extend(before..3 * pose + c + 1);
+                upper.column_starts.push(upper.rows.len());
+            }
+        }
+        for (landmark, seen_from) in layout.seen_from.iter().enumerate() {
+            let own = 3 * layout.poses + 2 * landmark;
+            for c in 0..2 {
+                for step in seen_from {
+                    let pose = 3 * (*step as usize - self.first_free);
+                    upper.rows.extend(pose..pose + 3);
+                }
+                upper.rows.extend(own..own + c + 1);
+                upper.column_starts.push(upper.rows.len());
+            }
+        }
+        upper.values = vec![0.0; upper.rows.len()];
+        upper
+    }
+
+    /// Fills the precision and returns minus the gradient.
+    fn linearize(&self, solution: &Solution, layout: &Layout, upper: &mut UpperTriangle) -> Vec<f64> {
+        upper.values.fill(0.0);
+        let mut descent = vec![0.0; 3 * layout.poses + 2 * self.landmarks.len()];
+        for pose in 0..layout.poses {
+            self.add_motion(solution, pose, upper, &mut descent);
+        }
+        for (k, sights) in self.landmarks.iter().enumerate() {
+            let mut place = 0;
+            for seen in &sights.seen {
+                while (place < layout.seen_from[k].len()) && layout.seen_from[k][place] < seen.step {
+                    place += 1;
+                }
+                let at = [3 * layout.poses + 2 * k, place];
+                self.add_sighting(solution, k, seen, at, (upper, &mut descent));
+            }
+        }
+        descent
+    }
+
+    fn add_motion(&self, solution: &Solution, pose: usize, upper: &mut UpperTriangle, descent: &mut [f64]) {
+        let step = self.first_free + pose;
+        let before = solution.trajectory.before(step);
+        let (residual, by_before, by_after) =
+            motion_residual(before, solution.trajectory.poses[step], self.history, step);
+        let weight = precision(self.history, step);
+        let by_after_weighted = weighted(&by_after, &weight);
+        let own = 3 * pose;
+        add_triangle(upper, own, &product(&by_after_weighted, &by_after));
+        subtract(&mut descent[own..own + 3], &apply(&by_after_weighted, &residual));
+        if pose > 0 {
+            let by_before_weighted = weighted(&by_before, &weight);
+            add_triangle(upper, own - 3, &product(&by_before_weighted, &by_before));
+            let cross = product(&by_before_weighted, &by_after);
+            for c in 0..3 {
+                let start = upper.column_starts[own + c];
+                (0..3).for_each(|r| upper.values[start + r] += cross[r][c]);
+            }
+            subtract(&mut descent[own - 3..own], &apply(&by_before_weighted, &residual));
+        }
+    }
+
+    /// `at`: the landmark's first row, and the place of the step among those that saw it.
+    fn add_sighting(
+        &self,
+        solution: &Solution,
+        k: usize,
+        seen: &Seen,
+        [own, place]: [usize; 2],
+        (upper, descent): (&mut UpperTriangle, &mut [f64]),
+    ) {
+        let measured = self.history.sighting(seen.sighting);
+        let view = self.view(solution.trajectory.poses[seen.step as usize], solution.landmarks[k], measured);
+        let [[w00, w01], [_, w11]] = view.weight;
+        let weigh = |a: f64, b: f64| [a * w00 + b * w01, a * w01 + b * w11];
+        let by_landmark: [[f64; 2]; 2] = std::array::from_fn(|c| weigh(view.by_landmark[0][c], view.by_landmark[1][c]));
+        let dot = |w: [f64; 2], a: f64, b: f64| w[0] * a + w[1] * b;
+        for c in 0..2 {
+            let end = upper.column_starts[own + c + 1];
+            for r in 0..=c {
+                upper.values[end - 1 - c + r] += dot(by_landmark[r], view.by_landmark[0][c], view.by_landmark[1][c]);
+            }
+            descent[own + c] += dot(by_landmark[c], view.innovation[0], view.innovation[1]);
+        }
+        let Some(pose) = (seen.step as usize).checked_sub(self.first_free) else { return };
+        let by_pose: [[f64; 2]; 3] = std::array::from_fn(|c| weigh(view.by_pose[0][c], view.by_pose[1][c]));
+        for c in 0..3 {
+            let end = upper.column_starts[3 * pose + c + 1];
+            for r in 0..=c {
+                upper.values[end - 1 - c + r] += dot(by_pose[r], view.by_pose[0][c], view.by_pose[1][c]);
+            }
+            descent[3 * pose + c] += dot(by_pose[c], view.innovation[0], view.innovation[1]);
+        }
+        for c in 0..2 {
+            let start = upper.column_starts[own + c] + 3 * place;
+            for r in 0..3 {
+                upper.values[start + r] += dot(by_pose[r], view.by_landmark[0][c], view.by_landmark[1][c]);
+            }
+        }
+    }
+
+    fn view(&self, T_world_robot: Pose, landmark: [f64; 2], measured: &Measured) -> View {
+        let sensor = T_world_robot.compose(self.T_robot_sensor);
+        let linear = self.model.linearize(sensor, landmark);
+        let innovation = self.model.innovation(measured.value, linear.expected);
+        let r = measured.noise;
+        let inverse = 1.0 / r.determinant();
+        let [a, b] = innovation;
+        let distance = (r.yy * a * a - 2.0 * r.xy * a * b + r.xx * b * b) * inverse;
+        let scale = inverse * self.likelihood_exponent / measured.tail.noise_scale(distance);
+        // The sensor moves with the robot's heading: d(sensor)/d(heading) is the lever arm turned by a right angle.
+        let lever = [sensor.x - T_world_robot.x, sensor.y - T_world_robot.y];
+        let by_pose = linear.by_pose.map(|[x, y, h]| [x, y, h - x * lever[1] + y * lever[0]]);
+        View {
+            innovation,
+            by_landmark: linear.by_landmark,
+            by_pose,
+            weight: [[r.yy * scale, -r.xy * scale], [-r.xy * scale, r.xx * scale]],
+            distance,
+        }
+    }
+
+    /// Minus the logarithm of the posterior, up to a constant; infinite where it is not finite.
+    fn cost(&self, solution: &Solution) -> f64 {
+        let mut cost = 0.0;
+        for step in self.first_free..solution.trajectory.poses.len() {
+            let after = solution.trajectory.poses[step];
+            let (residual, ..) = motion_residual(solution.trajectory.before(step), after, self.history, step);
+            let weighted = apply(&precision(self.history, step), &residual);
+            cost += 0.5 * (0..3).map(|i| weighted[i] * residual[i]).sum::<f64>();
+        }
+        for (k, sights) in self.landmarks.iter().enumerate() {
+            for seen in &sights.seen {
+                let measured = self.history.sighting(seen.sighting);
+                let pose = solution.trajectory.poses[seen.step as usize];
+                let distance = self.view(pose, solution.landmarks[k], measured).distance;
+                let loss = match measured.tail {
+                    Tail::Gaussian => 0.5 * distance,
+                    // The integral of the weight that `noise_scale` gives, which is 1 for ordinary sightings.
+                    Tail::StudentT(_) if distance <= 2.0 => 0.5 * distance,
+                    Tail::StudentT(k) => 1.0 + 0.5 * (k + 2.0) * math::ln((k + distance) / (k + 2.0)),
+                };
+                cost += self.likelihood_exponent * loss;
+            }
+        }
+        if cost.is_finite() {
+            cost
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    fn moved(&self, solution: &Solution, step: &[f64]) -> Solution {
+        let mut moved = solution.clone();
+        let free = moved.trajectory.free(self.first_free);
+        let (poses, landmarks) = step.split_at(3 * free.len());
+        for (pose, d) in moved.trajectory.poses[free].iter_mut().zip(poses.chunks_exact(3)) {
+            *pose = Pose::new(pose.x + d[0], pose.y + d[1], math::wrap_angle(pose.heading + d[2]));
+        }
+        for (landmark, d) in moved.landmarks.iter_mut().zip(landmarks.chunks_exact(2)) {
+            *landmark = [landmark[0] + d[0], landmark[1] + d[1]];
+        }
+        moved
+    }
+}
+
+/// A sighting, linearised.
+struct View {
+    innovation: [f64; 2],
+    by_landmark: [[f64; 2]; 2],
+    /// By the robot's pose.
+    by_pose: [[f64; 3]; 2],
+    /// Precision that it counts with.
+    weight: [[f64; 2]; 2],
+    /// νᵀ R⁻¹ ν.
+    distance: f64,
+}
+
+/// How far a motion is from what the odometry says, in the frame of its start, with the derivatives by both poses.
+fn motion_residual(before: Pose, after: Pose, history: &History, step: usize) -> ([f64; 3], Matrix3, Matrix3) {
+    let expected = history.motion(step).mean;
+    let (s, c) = math::sin_cos(before.heading);
+    let (dx, dy) = (after.x - before.x, after.y - before.y);
+    let (forward, left) = (c * dx + s * dy, c * dy - s * dx);
+    let turn = math::wrap_angle(after.heading - before.heading - expected.heading);
+    let residual = [forward - expected.x, left - expected.y, turn];
+    let by_after = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]];
+    let by_before = [[-c, -s, left], [s, -c, -forward], [0.0, 0.0, -1.0]];
+    (residual, by_before, by_after)
+}
+
+/// The precision of a motion in the frame of its start.
+fn precision(history: &History, step: usize) -> Matrix3 {
+    let mut p = history.motion(step).covariance;
+    (0..3).for_each(|i| p[i][i] += LEAST_VARIANCE[i]);
+    let minor = |a: usize, b: usize, c: usize, d: usize| p[a][b] * p[c][d] - p[a][d] * p[c][b];
+    let adjugate = [
+        [minor(1, 1, 2, 2), -minor(0, 1, 2, 2), minor(0, 1, 1, 2)],
+        [-minor(1, 0, 2, 2), minor(0, 0, 2, 2), -minor(0, 0, 1, 2)],
+        [minor(1, 0, 2, 1), -minor(0, 0, 2, 1), minor(0, 0, 1, 1)],
+    ];
+    let determinant = p[0][0] * adjugate[0][0] + p[0][1] * adjugate[1][0] + p[0][2] * adjugate[2][0];
+    adjugate.map(|row| row.map(|v| v / determinant))
+}
+
+/// Jᵀ W.
+fn weighted(j: &Matrix3, w: &Matrix3) -> Matrix3 {
+    std::array::from_fn(|r| std::array::from_fn(|c| (0..3).map(|k| j[k][r] * w[k][c]).sum()))
+}
+
+/// A B.
+fn product(a: &Matrix3, b: &Matrix3) -> Matrix3 {
+    crate::geometry::multiply3(a, b)
+}
+
+fn apply(a: &Matrix3, x: &[f64; 3]) -> [f64; 3] {
+    a.map(|row| (0..3).map(|k| row[k] * x[k]).sum())
+}
+
+fn subtract(from: &mut [f64], what: &[f64; 3]) {
+    from.iter_mut().zip(what).for_each(|(a, b)| *a -= b);
+}
+
+/// Adds to the triangle on the diagonal of a pose.
+fn add_triangle(upper: &mut UpperTriangle, own: usize, block: &Matrix3) {
+    for c in 0..3 {
+        let end = upper.column_starts[own + c + 1];
+        (0..=c).for_each(|r| upper.values[end - 1 - c + r] += block[r][c]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Symmetric2;
+    use crate::measurement::RangeBearing;
+    use crate::motion::MotionGaussian;
+
+    const MODEL: RangeBearing = RangeBearing { range_std_m: 0.2, bearing_std_rad: 0.05 };
+
+    const T_ROBOT_SENSOR: Pose = Pose { x: 0.4, y: -0.1, heading: 0.2 };
+
+    /// Six steps along a bend with two landmarks in sight, one wild sighting, and a guess that is off.
+    fn example(tail: Tail) -> (History, Vec<Sights>, Solution) {
+        let mut history = History::new(1);
+        let covariance = [[0.01, 0.002, 0.001], [0.002, 0.02, 0.003], [0.001, 0.003, 0.005]];
+        let mean = Pose::new(1.0, 0.1, 0.3);
+        let (start, landmarks) = (Pose::new(0.1, -0.2, 0.05), [[4.0, 3.0], [2.0, -3.0]]);
+        let (mut pose, mut poses) = (start, Vec::new());
+        for step in 0..6_u32 {
+            history.moved(|_| MotionGaussian { mean, covariance });
+            pose = pose.compose(mean);
+            let off = f64::from(step % 3) - 1.0;
+            poses.push(Pose::new(pose.x + 0.1 * off, pose.y - 0.05, pose.heading + 0.03 * off));
+            let wild = if step == 4 { 0.8 } else { 0.0 };
+            let scan = landmarks.map(|landmark| {
+                let [range, bearing] = MODEL.expected(pose.compose(T_ROBOT_SENSOR), landmark);
+                let noise = Symmetric2::new(0.04, 0.0, 0.0025);
+                Measured { value: [range + 0.15 * off + wild, bearing - 0.04 * off], noise, tail }
+            });
+            history.explained(scan.into_iter(), |_, j| j as u32);
+            history.step_done();
+        }
+        let sights = by_landmark(&history.seen_by(0), |_| true);
+        (
+            history,
+            sights,
+            Solution { trajectory: Trajectory { start, poses }, landmarks: vec![[4.2, 2.7], [1.8, -3.3]] },
+        )
+    }
+
+    fn graph(history: &History, landmarks: Vec<Sights>, first_free: usize) -> Graph<'_, RangeBearing> {
+        let T_robot_sensor = T_ROBOT_SENSOR;
+        Graph { history, model: &MODEL, T_robot_sensor, likelihood_exponent: 0.7, first_free, landmarks }
+    }
+
+    #[test]
+    fn the_descent_is_minus_the_gradient_of_the_cost() {
+        for (tail, first_free) in [(Tail::Gaussian, 0), (Tail::StudentT(4.0), 0), (Tail::Gaussian, 2)] {
+            let (history, sights, solution) = example(tail);
+            let graph = graph(&history, sights, first_free);
+            let layout = graph.layout(6);
+            let descent = graph.linearize(&solution, &layout, &mut graph.structure(&layout));
+            assert_eq!(descent.len(), 3 * (6 - first_free) + 4);
+            for i in 0..descent.len() {
+                let h = 1e-6;
+                let cost = |sign: f64| {
+                    let mut step = vec![0.0; descent.len()];
+                    step[i] = sign * h;
+                    graph.cost(&graph.moved(&solution, &step))
+                };
+                let numeric = (cost(-1.0) - cost(1.0)) / (2.0 * h);
+                assert!(
+                    (numeric - descent[i]).abs() < 1e-5 * (1.0 + numeric.abs()),
+                    "{tail:?} {i}: {numeric} {}",
+                    descent[i]
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn from_the_mode_one_more_step_leads_nowhere() {
+        for tail in [Tail::Gaussian, Tail::StudentT(4.0)] {
+            let (history, sights, guess) = example(tail);
+            let graph = graph(&history, sights, 0);
+            let before = graph.cost(&guess);
+            let mode = graph.solve(guess).unwrap();
+            assert!(graph.cost(&mode.solution) < before);
+            let layout = graph.layout(6);
+            let descent = graph.linearize(&mode.solution, &layout, &mut graph.structure(&layout));
+            let step = mode.factor.solve(&descent);
+            assert!(step.iter().all(|s| s.abs() < SMALL_STEP), "{step:?}");
+        }
+    }
+
+    #[test]
+    fn a_guess_without_an_end_gives_no_mode() {
+        let (history, sights, mut guess) = example(Tail::Gaussian);
+        guess.landmarks[0] = [f64::NAN, 0.0];
+        assert!(graph(&history, sights, 0).solve(guess).is_none());
+    }
+}

@@ -1,0 +1,180 @@
+//! What rejuvenation needs to know of the past: motions, sightings, and to which landmark each particle gave them.
+
+use crate::geometry::Pose;
+use crate::landmark::Measured;
+use crate::motion::MotionGaussian;
+use rustc_hash::FxHashMap;
+use std::ops::Range;
+
+/// A sighting that belongs to no landmark of a particle's map.
+pub const NO_LANDMARK: u32 = u32::MAX;
+
+/// No scan before this one.
+const NONE: u32 = u32::MAX;
+
+/// One scan as one or more particles explained it.
+#[derive(Clone, Copy, Debug)]
+struct Explanation {
+    /// That of the scan before.
+    previous: u32,
+    step: u32,
+    first_sighting: u32,
+    first_choice: u32,
+    count: u32,
+}
+
+/// Motions, sightings and associations since the start.
+///
+/// Associations are a forest like that of the paths, but shared by all particles that decided alike.
+#[derive(Clone, Debug, Default)]
+pub struct History {
+    /// Motion from the pose before to the pose of each step.
+    motions: Vec<MotionGaussian>,
+    /// Motion since the last step.
+    pending: MotionGaussian,
+    sightings: Vec<Measured>,
+    explanations: Vec<Explanation>,
+    /// Births of landmarks, or [`NO_LANDMARK`].
+    choices: Vec<u32>,
+    /// Latest explanation of each particle.
+    tips: Vec<u32>,
+    /// Explanations of the scan at hand by (previous, choices).
+    known: FxHashMap<(u32, Vec<u32>), u32>,
+}
+
+/// A sighting of a landmark: number of the step and of the sighting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Seen {
+    /// Birth of the landmark.
+    pub birth: u32,
+    /// Step, from 0.
+    pub step: u32,
+    /// Place in [`History::sighting`].
+    pub sighting: u32,
+}
+
+impl History {
+    /// Nothing yet, for so many particles.
+    pub fn new(particles: usize) -> Self {
+        Self { tips: vec![NONE; particles], ..Self::default() }
+    }
+
+    /// The robot moved; `extend` adds the motion to what it is given.
+    pub fn moved(&mut self, extend: impl FnOnce(&MotionGaussian) -> MotionGaussian) {
+        self.pending = extend(&self.pending);
+    }
+
+    /// A pose was added to every path.
+    pub fn step_done(&mut self) {
+        self.motions.push(std::mem::take(&mut self.pending));
+    }
+
+    /// A scan was explained: `choice_of(particle, sighting)` is the birth of a landmark, or [`NO_LANDMARK`].
+    pub fn explained(&mut self, scan: impl Iterator<Item = Measured>, choice_of: impl Fn(usize, usize) -> u32) {
+        let first_sighting = self.sightings.len() as u32;
+        self.sightings.extend(scan);
+        let count = self.sightings.len() as u32 - first_sighting;
+        if count == 0 {
+            return;
+        }
+        self.known.clear();
+        for (particle, tip) in self.tips.iter_mut().enumerate() {
+            let choices: Vec<u32> = (0..count as usize).map(|j| choice_of(particle, j)).collect();
+            let (explanations, flat) = (&mut self.explanations, &mut self.choices);
+            let step = self.motions.len() as u32;
+            *tip = *self.known.entry((*tip, choices)).or_insert_with_key(|(previous, choices)| {
+                let first_choice = flat.len() as u32;
+                flat.extend_from_slice(choices);
+                explanations.push(Explanation { previous: *previous, step, first_sighting, first_choice, count });
+                explanations.len() as u32 - 1
+            });
+        }
+    }
+
+    /// Particle i takes over the past of the former particle `ancestor_indices[i]`.
+    pub fn resample(&mut self, ancestor_indices: &[u32]) {
+        self.tips = ancestor_indices.iter().map(|&a| self.tips[a as usize]).collect();
+    }
+
+    /// Steps done.
+    pub fn steps(&self) -> usize {
+        self.motions.len()
+    }
+
+    /// Motion that led to the pose of a step.
+    pub fn motion(&self, step: usize) -> &MotionGaussian {
+        &self.motions[step]
+    }
+
+    /// A sighting.
+    pub fn sighting(&self, index: u32) -> &Measured {
+        &self.sightings[index as usize]
+    }
+
+    /// All sightings that one particle gave to a landmark, in the order of time.
+    pub fn seen_by(&self, particle: usize) -> Vec<Seen> {
+        let mut seen = Vec::new();
+        let mut index = self.tips[particle];
+        while index != NONE {
+            let Explanation { previous, step, first_sighting, first_choice, count } = self.explanations[index as usize];
+            let choices = &self.choices[first_choice as usize..(first_choice + count) as usize];
+            for (j, birth) in choices.iter().enumerate().rev().filter(|(_, birth)| **birth != NO_LANDMARK) {
+                seen.push(Seen { birth: *birth, step, sighting: first_sighting + j as u32 });
+            }
+            index = previous;
+        }
+        seen.reverse();
+        seen
+    }
+}
+
+/// Where the robot was at each step, as one particle has it.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    /// Pose before the first step.
+    pub start: Pose,
+    /// One pose per step.
+    pub poses: Vec<Pose>,
+}
+
+impl Trajectory {
+    /// The pose before a step.
+    pub fn before(&self, step: usize) -> Pose {
+        step.checked_sub(1).map_or(self.start, |previous| self.poses[previous])
+    }
+
+    /// Steps that may move when all before `first` stand still.
+    pub fn free(&self, first: usize) -> Range<usize> {
+        first.min(self.poses.len())..self.poses.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Symmetric2;
+    use crate::landmark::Tail;
+
+    fn measured(value: f64) -> Measured {
+        Measured { value: [value, 0.0], noise: Symmetric2::new(1.0, 0.0, 1.0), tail: Tail::Gaussian }
+    }
+
+    #[test]
+    fn particles_that_decide_alike_share_an_explanation() {
+        let mut history = History::new(3);
+        history.explained(
+            [1.0, 2.0].map(measured).into_iter(),
+            |i, j| if i == 2 && j == 1 { NO_LANDMARK } else { j as u32 },
+        );
+        history.step_done();
+        assert_eq!(history.explanations.len(), 2);
+        history.resample(&[2, 0, 0]);
+        history.explained([3.0].map(measured).into_iter(), |_, _| 7);
+        history.step_done();
+        let births = |particle| history.seen_by(particle).iter().map(|s| (s.birth, s.step)).collect::<Vec<_>>();
+        assert_eq!(births(0), vec![(0, 0), (7, 1)]);
+        assert_eq!(births(1), vec![(0, 0), (1, 0), (7, 1)]);
+        assert_eq!(history.sighting(history.seen_by(1)[2].sighting).value[0], 3.0);
+        assert_eq!(history.steps(), 2);
+    }
+}

@@ -1,0 +1,299 @@
+//! A cure for depletion: all particles start anew from draws of whole paths, given all that was seen.
+//!
+//! Resampling leaves a particle filter with one common past, so that a loop that closes late cannot correct it. Here
+//! the best particle's associations turn motions and sightings into a sparse least-squares problem; its solution and
+//! precision (the Laplace approximation) describe the posterior over paths; every particle draws a path from it, and
+//! gets the landmarks that follow from that path.
+//!
+//! **Source:** `beevers2007fixedlag` for the idea of drawing past poses again; the exact factorisation
+//! (`montemerlo2002fastslam`, eq. 3) is what makes landmarks follow from a path. Exact in a linear-Gaussian world.
+
+mod conditional;
+mod factor;
+mod graph;
+mod history;
+
+use super::FastSlam;
+use crate::association::{CandidateTable, Decision, ScanSighting};
+use crate::geometry::{Pose, Symmetric2};
+use crate::landmark::{column, Gaussian};
+use crate::math;
+use crate::measurement::MeasurementModel;
+use crate::random::{Purpose, Stream};
+use crate::vector::vectorized;
+use conditional::{Draws, Lanes, LANES};
+use graph::{by_landmark, Graph, Mode, Sights, Solution};
+use history::{History, Trajectory, NO_LANDMARK};
+use rustc_hash::FxHashMap;
+
+/// When to rejuvenate, and what is remembered for it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rejuvenation {
+    history: History,
+    /// Steps at the last time.
+    last: usize,
+    /// How often.
+    pub count: u64,
+    /// How often no solution was found.
+    pub failures: u64,
+}
+
+impl Rejuvenation {
+    pub fn new(particles: usize) -> Self {
+        Self { history: History::new(particles), ..Self::default() }
+    }
+}
+
+impl<M: MeasurementModel> FastSlam<M> {
+    /// Remembers a control.
+    pub(super) fn remember_motion(&mut self, control: [f64; 3], dt_s: f64) {
+        if let Some(rejuvenation) = &mut self.rejuvenation {
+            let motion = &self.config.motion;
+            rejuvenation.history.moved(|pending| motion.extend(pending, control, dt_s));
+        }
+    }
+
+    /// Remembers a scan whose sightings all belong to the same landmarks in all maps.
+    pub(super) fn remember_identified(&mut self, scan: &[ScanSighting]) {
+        let Some(mut rejuvenation) = self.rejuvenation.take() else { return };
+        let birth = |sighting: &ScanSighting| {
+            let slot = sighting.identity.and_then(|identity| self.landmarks.of_identity(identity).first());
+            slot.map_or(NO_LANDMARK, |slot| self.landmarks.birth(*slot) as u32)
+        };
+        let births: Vec<u32> = scan.iter().map(birth).collect();
+        rejuvenation.history.explained(scan.iter().map(|s| s.measured), |_, j| births[j]);
+        self.rejuvenation = Some(rejuvenation);
+    }
+
+    /// Remembers a scan with every particle's decisions (an equal share each); sightings taken for new landmarks made
+    /// those of `births`.
+    pub(super) fn remember_decided(
+        &mut self,
+        scan: &[ScanSighting],
+        decisions: &[Decision],
+        table: &CandidateTable,
+        births: &[u64],
+    ) {
+        let Some(mut rejuvenation) = self.rejuvenation.take() else { return };
+        let old: Vec<u32> = table.slots.iter().map(|slot| self.landmarks.birth(*slot) as u32).collect();
+        let choice = |particle: usize, j: usize| match decisions[particle * scan.len() + j] {
+            Decision::Landmark(candidate) => old[candidate as usize],
+            Decision::New => births[j] as u32,
+            Decision::Ignored => NO_LANDMARK,
+        };
+        rejuvenation.history.explained(scan.iter().map(|s| s.measured), choice);
+        self.rejuvenation = Some(rejuvenation);
+    }
+
+    /// Remembers that a pose was added to every path.
+    pub(super) fn remember_step(&mut self) {
+        if let Some(rejuvenation) = &mut self.rejuvenation {
+            rejuvenation.history.step_done();
+        }
+    }
+
+    /// The past follows the ancestors like everything else.
+    pub(super) fn resample_history(&mut self) {
+        if let Some(rejuvenation) = &mut self.rejuvenation {
+            rejuvenation.history.resample(&self.ancestor_indices);
+        }
+    }
+
+    /// Whether it is time.
+    pub(super) fn rejuvenation_is_due(&self) -> bool {
+        let settings = &self.config.filter.rejuvenation;
+        self.rejuvenation.as_ref().is_some_and(|r| {
+            let least = (settings.every_steps as f64).max(settings.growth * r.last as f64);
+            (r.history.steps() - r.last) as f64 >= least
+        })
+    }
+
+    /// Draws all particles anew from the posterior over paths and maps, given the best particle's associations.
+    ///
+    /// Returns false, and leaves everything as it is, when the filter was not configured for it
+    /// (`filter.rejuvenation.every_steps`), when nothing happened since the last time, or when no finite solution was
+    /// found.
+    pub fn rejuvenate(&mut self) -> bool {
+        let Some(mut rejuvenation) = self.rejuvenation.take() else { return false };
+        let done = rejuvenation.history.steps() > rejuvenation.last && self.start_anew(&rejuvenation);
+        rejuvenation.failures += u64::from(!done);
+        rejuvenation.count += u64::from(done);
+        rejuvenation.last = rejuvenation.history.steps();
+        if done {
+            rejuvenation.history.resample(&self.ancestor_indices);
+        }
+        self.rejuvenation = Some(rejuvenation);
+        done
+    }
+
+    fn start_anew(&mut self, rejuvenation: &Rejuvenation) -> bool {
+        let (history, best) = (&rejuvenation.history, self.particles.best());
+        let means = self.means_of(best);
+        let mut seen = history.seen_by(best);
+        for sight in &mut seen {
+            sight.birth = self.merger.present_name(sight.birth, |birth| means.contains_key(&birth));
+        }
+        let window = self.config.filter.rejuvenation.window_steps.map_or(usize::MAX, |steps| steps as usize);
+        let first_free = history.steps().saturating_sub(window);
+        let mut landmarks = by_landmark(&seen, |birth| means.contains_key(&birth));
+        landmarks.retain(|sights| sights.seen.last().is_some_and(|last| last.step as usize >= first_free));
+        let poses: Vec<Pose> = self.path.path(best).into_iter().map(|(_, pose)| pose).collect();
+        if poses.len() != history.steps() {
+            return false;
+        }
+        let guess = Solution {
+            trajectory: Trajectory { start: self.config.initial_pose.T_world_robot(), poses },
+            landmarks: landmarks.iter().map(|sights| means[&sights.birth].1).collect(),
+        };
+        let graph = Graph {
+            history,
+            model: &self.model,
+            T_robot_sensor: self.T_robot_sensor,
+            likelihood_exponent: self.config.filter.likelihood_exponent,
+            first_free,
+            landmarks,
+        };
+        let Some(mode) = graph.solve(guess) else { return false };
+        let stream = self.random.stream(Purpose::Rejuvenation, rejuvenation.count);
+        let sampling = Sampling { stream, count: self.particles.len(), spread: self.config.filter.rejuvenation.spread };
+        let drawn = draw(&graph, &mode, &sampling);
+        let landmarks = graph.landmarks;
+        self.adopt(best, &mode.solution, &drawn, &landmarks, &means);
+        true
+    }
+
+    /// Slot and mean of every landmark in one map, by birth.
+    fn means_of(&self, particle: usize) -> FxHashMap<u32, (u32, [f64; 2])> {
+        let mut row = vec![0.0; self.landmarks.columns()];
+        let mut means = FxHashMap::default();
+        for slot in self.landmarks.live_slots() {
+            if self.landmarks.read_row(slot, particle, &mut row) {
+                let mean = [row[column::MEAN_X], row[column::MEAN_Y]];
+                means.insert(self.landmarks.birth(slot) as u32, (slot, mean));
+            }
+        }
+        means
+    }
+
+    /// Makes every particle a copy of the best one, with its own draw in place of poses and landmarks.
+    fn adopt(
+        &mut self,
+        best: usize,
+        solution: &Solution,
+        drawn: &Drawn,
+        landmarks: &[Sights],
+        slots: &FxHashMap<u32, (u32, [f64; 2])>,
+    ) {
+        let count = self.particles.len();
+        self.ancestor_indices.clear();
+        self.ancestor_indices.resize(count, best as u32);
+        self.particles.resample(&self.ancestor_indices);
+        self.landmarks.resample(&self.ancestor_indices);
+        self.path.resample(&self.ancestor_indices);
+        self.path.replace(&solution.trajectory.poses, |i| drawn.last_poses[i]);
+        for (i, pose) in drawn.last_poses.iter().enumerate() {
+            self.particles.set_pose(i, *pose);
+        }
+        for (sights, gaussians) in landmarks.iter().zip(drawn.landmarks.chunks_exact(count)) {
+            self.landmarks.update(slots[&sights.birth].0, None, |mut rows| {
+                let number = |g: &Gaussian, c: usize| match c {
+                    column::MEAN_X => g.mean[0],
+                    column::MEAN_Y => g.mean[1],
+                    column::COV_XX => g.covariance.xx,
+                    column::COV_XY => g.covariance.xy,
+                    _ => g.covariance.yy,
+                };
+                for c in [column::MEAN_X, column::MEAN_Y, column::COV_XX, column::COV_XY, column::COV_YY] {
+                    for (value, gaussian) in rows.column(c).iter_mut().zip(gaussians) {
+                        // A landmark at the sensor has no direction; it stays what it was.
+                        if gaussian.covariance.is_positive_definite() {
+                            *value = number(gaussian, c);
+                        }
+                    }
+                }
+            });
+        }
+        self.restart_weights();
+        self.estimate_beliefs();
+    }
+}
+
+/// Draws from the posterior.
+struct Drawn {
+    /// Pose of each particle at the last step.
+    last_poses: Vec<Pose>,
+    /// Landmark by landmark, one Gaussian per particle.
+    landmarks: Vec<Gaussian>,
+}
+
+/// How to draw.
+struct Sampling {
+    stream: Stream,
+    /// Number of draws.
+    count: usize,
+    /// Distance from the mode, 1 for that of the posterior.
+    spread: f64,
+}
+
+fn draw<M: MeasurementModel>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) -> Drawn {
+    let count = sampling.count;
+    let (held, free) = mode.solution.trajectory.poses.split_at(graph.first_free);
+    let mut draws = Draws {
+        first_free: graph.first_free,
+        poses: vec![[[0.0; LANES]; 3]; free.len()],
+        held: held.iter().map(|pose| pose.compose(graph.T_robot_sensor)).collect(),
+        landmarks: vec![[[0.0; LANES]; 2]; graph.landmarks.len()],
+    };
+    let nothing = Gaussian { mean: [0.0; 2], covariance: Symmetric2::default() };
+    let mut drawn =
+        Drawn { last_poses: Vec::with_capacity(count), landmarks: vec![nothing; count * graph.landmarks.len()] };
+    let mut numbers = vec![[0.0; LANES]; mode.factor.size()];
+    for first in (0..count).step_by(LANES) {
+        fill_normal(&mut numbers, sampling, first as u32);
+        mode.factor.draw(&mut numbers, |variable, lanes| place(variable, lanes, mode, &mut draws));
+        let lanes = LANES.min(count - first);
+        if let Some([x, y, heading]) = draws.poses.last() {
+            drawn.last_poses.extend((0..lanes).map(|i| Pose::new(x[i], y[i], math::wrap_angle(heading[i]))));
+        }
+        draws.move_to_sensor(graph.T_robot_sensor);
+        for (k, sights) in graph.landmarks.iter().enumerate() {
+            let gaussians = draws.landmark_given_paths(graph.model, graph.history, sights, k);
+            drawn.landmarks[k * count + first..][..lanes].copy_from_slice(&gaussians[..lanes]);
+        }
+    }
+    drawn
+}
+
+/// Normal numbers, addressed by particle and variable.
+fn fill_normal(numbers: &mut [Lanes], sampling: &Sampling, first_particle: u32) {
+    let (stream, spread) = (sampling.stream, sampling.spread);
+    vectorized(
+        #[inline(always)]
+        || {
+            for (pair, rows) in numbers.chunks_mut(2).enumerate() {
+                for lane in 0..LANES {
+                    let drawn = stream.normal_pair(first_particle + lane as u32, pair as u32);
+                    for (row, number) in rows.iter_mut().zip(drawn) {
+                        row[lane] = spread * number;
+                    }
+                }
+            }
+        },
+    );
+}
+
+/// Adds the deviations of one variable to the mode.
+fn place(variable: usize, deviations: &Lanes, mode: &Mode, draws: &mut Draws) {
+    let free = &mode.solution.trajectory.poses[draws.first_free..];
+    let around = |center: f64| deviations.map(|d| center + d);
+    match variable.checked_sub(3 * free.len()) {
+        None => {
+            let (row, coordinate) = (variable / 3, variable % 3);
+            draws.poses[row][coordinate] = around(free[row].to_array()[coordinate]);
+        }
+        Some(of_landmarks) => {
+            let (landmark, coordinate) = (of_landmarks / 2, of_landmarks % 2);
+            draws.landmarks[landmark][coordinate] = around(mode.solution.landmarks[landmark][coordinate]);
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! Drawing all particles anew from the posterior over paths.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
+
+mod linear_world;
+
+use fastslam_core::config::{Algorithm, Config};
+use fastslam_core::filter::{FastSlam, Identities, Sighting};
+use fastslam_core::geometry::Pose;
+use fastslam_core::run::{run, Observer, RunOutput};
+use fastslam_core::store::StoreKind;
+use fastslam_core::timeline::LogData;
+use fastslam_sim::{simulate, SimulatedLog, SimulationConfig};
+use linear_world::{exact, sighting, LANDMARKS, MODEL};
+
+/// Watches nothing; time stands still.
+struct Blind;
+
+impl Observer for Blind {
+    fn now_s(&self) -> f64 {
+        0.0
+    }
+
+    fn step_done(&mut self, _done: usize) -> bool {
+        true
+    }
+}
+
+#[test]
+fn in_a_linear_world_the_draws_are_those_of_the_exact_posterior() {
+    let steps = linear_world::simulate(3);
+    let exact = exact(&steps);
+    for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
+        // The filter before it may be as poor as it likes.
+        let particles = 20_000;
+        let mut config = linear_world::config(algorithm, particles, 5);
+        config.filter.rejuvenation.every_steps = 1_000_000;
+        let mut filter = FastSlam::with_model(config, Identities::All, MODEL).unwrap();
+        for (t, step) in steps.iter().enumerate() {
+            if t > 0 {
+                filter.predict(step.control, 1.0).unwrap();
+            }
+            let sightings: Vec<Sighting> = step.sightings.iter().copied().map(sighting).collect();
+            filter.update(t as f64, &sightings).unwrap();
+        }
+        assert!(filter.rejuvenate(), "{algorithm:?}");
+        assert!(!filter.rejuvenate(), "nothing has happened since");
+        let (pose, map) = (filter.pose(), filter.map().landmarks);
+        assert_eq!(map.len(), LANDMARKS.len());
+        let mut moments = vec![(pose.mean.x, pose.covariance[0][0]), (pose.mean.y, pose.covariance[1][1])];
+        for landmark in &map {
+            moments.push((landmark.mean[0], landmark.covariance.xx));
+            moments.push((landmark.mean[1], landmark.covariance.yy));
+        }
+        assert_eq!(moments.len(), exact.mean.len());
+        for (i, (mean, variance)) in moments.into_iter().enumerate() {
+            // Independent draws: standard errors sqrt(v / M) of a mean and v sqrt(2 / M) of a variance; 4 of them. The
+            // 10⁻⁸ m² that are added to the motion's variance per step are far below.
+            let (truth, m) = (exact.covariance[(i, i)], f64::from(particles));
+            let error = (mean - exact.mean[i]).abs();
+            assert!(error < 4.0 * (truth / m).sqrt(), "{algorithm:?} mean {i}: off by {error}");
+            let ratio = variance / truth;
+            assert!((ratio - 1.0).abs() < 4.0 * (2.0 / m).sqrt(), "{algorithm:?} variance {i}: ratio {ratio}");
+        }
+    }
+}
+
+fn world(
+    preset: &str,
+    seed: u64,
+    duration_s: f64,
+    identities: fastslam_sim::Identities,
+) -> (LogData, Config, SimulatedLog) {
+    let mut simulation = SimulationConfig::preset(preset).unwrap();
+    simulation.seed = seed;
+    simulation.max_duration_s = Some(duration_s);
+    simulation.scan.identities = identities;
+    let simulated = simulate(&simulation).unwrap();
+    let seen = &simulated.sightings;
+    let one =
+        |i: usize| Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok());
+    let log = LogData {
+        control_stamps_s: simulated.control_stamp_s.clone(),
+        controls: simulated.controls.clone(),
+        sighting_stamps_s: seen.stamp_s.clone(),
+        sightings: (0..seen.len()).map(one).collect(),
+    };
+    let mut config = Config { seed, ..Config::default() };
+    (config.motion, config.sensor) = (simulated.motion.clone(), simulated.sensor.clone());
+    let [x_m, y_m, heading_rad] = simulated.T_world_robot[0];
+    config.initial_pose = fastslam_core::config::InitialPose { x_m, y_m, heading_rad };
+    (log, config, simulated)
+}
+
+/// eᵀ C⁻¹ e of the position after every step.
+fn position_nees(output: &RunOutput, truth: &SimulatedLog) -> Vec<f64> {
+    let true_pose = |stamp_s: f64| {
+        let next = truth.truth_stamp_s.partition_point(|t| *t < stamp_s).clamp(1, truth.truth_stamp_s.len() - 1);
+        let (a, b) = (truth.truth_stamp_s[next - 1], truth.truth_stamp_s[next]);
+        let [from, to] = [next - 1, next].map(|i| Pose::from(truth.T_world_robot[i]));
+        from.compose(from.inverse().compose(to).fraction((stamp_s - a) / (b - a)))
+    };
+    let nees = |step: &fastslam_core::run::StepRecord| {
+        let at = true_pose(step.stamp_s);
+        let (dx, dy) = (step.pose.mean.x - at.x, step.pose.mean.y - at.y);
+        // Half a millimetre, so that the start, which is known, does not divide by zero.
+        let [[xx, xy, _], [_, yy, _], _] = step.pose.covariance;
+        let (xx, yy) = (xx + 2.5e-7, yy + 2.5e-7);
+        (yy * dx * dx - 2.0 * xy * dx * dy + xx * dy * dy) / (xx * yy - xy * xy)
+    };
+    output.steps.iter().map(nees).collect()
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    assert!(!values.is_empty());
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+#[test]
+fn a_long_loop_stays_consistent_where_the_plain_filter_does_not() {
+    let quarters = |every_steps: u32| -> Vec<f64> {
+        let mut by_quarter = vec![Vec::new(); 4];
+        for seed in 0..7 {
+            let (log, mut config, truth) = world("loop", seed, 120.0, fastslam_sim::Identities::All);
+            (config.filter.rejuvenation.every_steps, config.filter.rejuvenation.growth) = (every_steps, 0.02);
+            let nees = position_nees(&run(&config, &log, &mut Blind).unwrap(), &truth);
+            for (quarter, values) in nees.chunks(nees.len().div_ceil(4)).enumerate() {
+                by_quarter[quarter].push(median(&mut values.to_vec()));
+            }
+        }
+        by_quarter.iter_mut().map(|medians| median(medians)).collect()
+    };
+    let (plain, rejuvenated) = (quarters(0), quarters(20));
+    println!("median NEES of the position by quarter: {plain:.1?} plain, {rejuvenated:.1?} rejuvenated");
+    // The median of chi-squared with two degrees of freedom is 1.39; the issue that asked for this allows 6 with three.
+    assert!(rejuvenated.iter().all(|nees| *nees < 6.0), "{rejuvenated:?}");
+    assert!(plain[3] > 20.0, "the plain filter gives {plain:?}: nothing to cure");
+}
+
+fn map_rmse(output: &RunOutput, truth: &SimulatedLog) -> f64 {
+    let errors = output.map.landmarks.iter().map(|landmark| {
+        let distance = |at: &[f64; 2]| (landmark.mean[0] - at[0]).hypot(landmark.mean[1] - at[1]);
+        truth.landmarks.position_m.iter().map(distance).fold(f64::INFINITY, f64::min).powi(2)
+    });
+    let errors: Vec<f64> = errors.collect();
+    assert!(errors.len() > 20, "{} landmarks", errors.len());
+    (errors.iter().sum::<f64>() / errors.len() as f64).sqrt()
+}
+
+#[test]
+fn the_map_gets_better_also_without_identities() {
+    for identities in [fastslam_sim::Identities::All, fastslam_sim::Identities::None] {
+        let (mut plain, mut rejuvenated) = (Vec::new(), Vec::new());
+        for seed in 0..5 {
+            let (log, mut config, truth) = world("demo", seed, 60.0, identities);
+            config.filter.particles = 20;
+            plain.push(map_rmse(&run(&config, &log, &mut Blind).unwrap(), &truth));
+            config.filter.rejuvenation.every_steps = 50;
+            rejuvenated.push(map_rmse(&run(&config, &log, &mut Blind).unwrap(), &truth));
+        }
+        let (plain, rejuvenated) = (median(&mut plain), median(&mut rejuvenated));
+        println!("{identities:?}: map RMSE {plain:.3} m plain, {rejuvenated:.3} m rejuvenated");
+        assert!(rejuvenated < plain, "{identities:?}: {rejuvenated} m against {plain} m");
+    }
+}
+
+#[test]
+fn neither_the_store_nor_the_number_of_threads_changes_a_bit() {
+    for identities in
+        [fastslam_sim::Identities::All, fastslam_sim::Identities::None, fastslam_sim::Identities::Fraction(0.5)]
+    {
+        for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
+            let (log, mut config, _) = world("demo", 3, 15.0, identities);
+            config.algorithm = algorithm;
+            (config.filter.particles, config.filter.rejuvenation.every_steps) = (20, 10);
+            config.filter.store = StoreKind::Dense;
+            let reference = run(&config, &log, &mut Blind).unwrap();
+            assert!(reference.steps.iter().filter(|step| step.info.rejuvenated).count() >= 3);
+            for (store, threads) in [(StoreKind::Tree, 1), (StoreKind::Lineage, 1), (StoreKind::Lineage, 3)] {
+                (config.filter.store, config.filter.threads) = (store, threads);
+                let other = run(&config, &log, &mut Blind).unwrap();
+                assert_eq!(reference.map, other.map, "{identities:?} {algorithm:?} {store:?} {threads}");
+                assert_eq!(reference.smoothed, other.smoothed, "{identities:?} {algorithm:?} {store:?} {threads}");
+                let poses = |output: &RunOutput| output.steps.iter().map(|s| s.pose).collect::<Vec<_>>();
+                assert_eq!(poses(&reference), poses(&other), "{identities:?} {algorithm:?} {store:?} {threads}");
+            }
+        }
+    }
+}
+
+#[test]
+fn poses_before_the_window_stand_still() {
+    let (log, mut config, _) = world("demo", 1, 30.0, fastslam_sim::Identities::All);
+    (config.filter.particles, config.filter.rejuvenation.every_steps) = (20, 1_000_000);
+    let window = 40;
+    config.filter.rejuvenation.window_steps = Some(window);
+    let mut filter = FastSlam::new(config.clone(), Identities::All).unwrap();
+    for event in fastslam_core::timeline::Timeline::new(&log, config.motion.timing(), 0.5) {
+        match event {
+            fastslam_core::timeline::Event::Control(control, dt_s) => filter.predict(control, dt_s).unwrap(),
+            fastslam_core::timeline::Event::Step { stamp_s, first, end } => {
+                filter.update(stamp_s, &log.sightings[first..end]).map(|_| ()).unwrap();
+            }
+        }
+    }
+    let before = filter.best_path();
+    assert!(filter.rejuvenate());
+    let after = filter.best_path();
+    assert_eq!(before.len(), after.len());
+    let held = before.len() - window as usize;
+    assert!(held > 20);
+    assert_eq!(before[..held], after[..held]);
+    assert!(before[held..].iter().zip(&after[held..]).all(|(a, b)| a.1 != b.1));
+}
+
+#[test]
+fn a_filter_that_was_not_asked_to_does_not_remember() {
+    let mut filter = FastSlam::new(Config::default(), Identities::All).unwrap();
+    filter.update(0.0, &[Sighting::range_bearing(3.0, 0.0, Some(1))]).unwrap();
+    assert!(!filter.rejuvenate());
+}
