@@ -87,6 +87,7 @@ class LandmarkGroup:
 
     label: str
     color: str
+    is_classed: bool
     mean_m: Floats
     covariance_m2: Floats
 
@@ -102,7 +103,9 @@ def landmark_groups(landmarks: LandmarkMap) -> list[LandmarkGroup]:
         if rows.any():
             color = style.LANDMARK if not name else class_color(name, known.index(name))
             label = "landmark" if not known else f"landmark, {name or 'class unknown'}"
-            groups.append(LandmarkGroup(label, color, landmarks.mean_m[rows], landmarks.covariance_m2[rows]))
+            groups.append(
+                LandmarkGroup(label, color, bool(name), landmarks.mean_m[rows], landmarks.covariance_m2[rows])
+            )
     return groups
 
 
@@ -130,6 +133,9 @@ def _plot_landmarks(axis: Axes, landmarks: LandmarkGroup) -> None:
     count = len(landmarks.mean_m)
     dots: dict[str, Any] = {"marker": "o", "markersize": 3.5 if count <= 500 else 1.5, "linestyle": "none"}
     dots |= {"color": landmarks.color, "label": landmarks.label, "zorder": 6}
+    if landmarks.is_classed and count <= 500:
+        # Large enough to be told by its colour under the cross of its true place.
+        dots["markersize"] = 6.0
     if count > MAX_CLEAR_LANDMARKS:
         dots |= {"marker": ".", "markersize": 0.8, "zorder": 1.5, "alpha": 0.4}
     axis.plot(*landmarks.mean_m.T, **dots, rasterized=style.is_heavy(10 * count))
