@@ -24,8 +24,8 @@ from fastslam.result import Trajectory
 
 RUN_METRICS = {
     *("steps", "sightings", "landmarks", "filter_seconds", "particle_updates_per_second"),
-    *("peak_memory_bytes", "map_bytes", "step_latency_us", "resamplings", "mean_effective_sample_size"),
-    "counts",
+    *("peak_memory_bytes", "map_bytes", "step_latency_us", "resamplings", "rejuvenations"),
+    *("mean_effective_sample_size", "counts"),
 }
 
 

@@ -54,7 +54,7 @@ RESOLVING: dict[str, Any] = {
         },
     },
 }
-"""For UTIAS 1 and 2 without identities. Scans of one or two sightings are ambiguous until the pose is sure, so
+"""For UTIAS 1 and 2 without identities. Scans of one or two sightings are ambiguous until the pose is sure:
 particles try all explanations, and those whose maps hold what is not seen lose; rejuvenation then
 straightens what the early guesses have bent. A third to three quarters of what is in view within 3 m is
 sighted. Not for set 6, whose landmarks stand 0.18 m apart and would be merged."""

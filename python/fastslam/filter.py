@@ -117,7 +117,7 @@ class FastSlam:
         return StepInfo(**columns)
 
     def rejuvenate(self) -> bool:
-        """Draws all particles anew from the posterior over paths and maps, given the best particle's associations.
+        """Draws all particles anew from the posterior over paths, given the best particle's associations.
 
         For the end of a log, or a moment when the robot stands; by itself the filter does it as often as
         `filter.rejuvenation` says. Returns False when `filter.rejuvenation.every_steps` is 0, when nothing

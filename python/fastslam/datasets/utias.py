@@ -144,7 +144,10 @@ def _config(truth: TruthTrajectory | None, start_s: float) -> dict[str, Any]:
             "tail_degrees_of_freedom": 4.0,
             "field_of_view_rad": FIELD_OF_VIEW_RAD,
         },
-        "filter": {"likelihood_exponent": 0.3},
+        "filter": {
+            "likelihood_exponent": 0.3,
+            "rejuvenation": {"every_steps": 200, "growth": 0.2, "spread": 0.5},
+        },
         "association": {"new_landmark_gate_probability": 0.999},
     }
     if truth is not None and truth.heading_known:

@@ -28,6 +28,7 @@ METRIC_UNITS: dict[str, str] = {
     "map_bytes": "B",
     "step_latency_us": "µs",
     "resamplings": "",
+    "rejuvenations": "",
     "mean_effective_sample_size": "particles",
     "ate_rmse_m": "m",
     "ate_median_m": "m",

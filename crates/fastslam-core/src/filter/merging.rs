@@ -86,7 +86,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         info: &mut StepInfo,
     ) {
         self.note_sighted_together(decisions, table);
-        if self.steps % PERIOD != 0 {
+        if !self.steps.is_multiple_of(PERIOD) {
             return;
         }
         let mut slots: Vec<u32> = table.slots.iter().copied().chain(self.founded.iter().map(|(_, s)| *s)).collect();
