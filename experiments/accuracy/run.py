@@ -36,7 +36,7 @@ METRICS = {
 
 
 RESOLVING: dict[str, Any] = {
-    "filter": {"rejuvenation": {"every_steps": 200}},
+    "filter": {"rejuvenation": {"every_steps": 200, "growth": 0.05, "spread": 1.0}},
     "sensor": {"range_std_m": 0.2, "bearing_std_rad": 0.04, "max_range_m": 8.0},
     "association": {
         "method": "sampled",

@@ -7,6 +7,7 @@ use fastslam_core::config::{Classes, Config, ExistenceForm, MergingRule, Method,
 use fastslam_core::filter::{FastSlam, Identities, MapLandmark, Sighting};
 use fastslam_core::motion::{Increments, Motion};
 use fastslam_core::random::{Purpose, RandomSource};
+use std::f64::consts::FRAC_PI_6;
 
 fn seen(range_m: f64, bearing_rad: f64) -> Sighting {
     Sighting::range_bearing(range_m, bearing_rad, None)
@@ -119,7 +120,7 @@ fn a_particle_whose_map_holds_what_is_not_there_loses_weight() {
 /// things that are not there, some of them close to landmarks and some absurd.
 fn drive_with_wild_detections(config: Config, wild: bool) -> (Vec<MapLandmark>, [f64; 2]) {
     let landmarks: Vec<[f64; 2]> =
-        (0..12).map(|k| (f64::from(k) * 0.5236, 3.0 + f64::from(k % 3))).map(|(b, r)| [r, b]).collect();
+        (0..12).map(|k| (f64::from(k) * FRAC_PI_6, 3.0 + f64::from(k % 3))).map(|(b, r)| [r, b]).collect();
     let mut filter = filter(config);
     let mut heading = 0.0;
     for step in 0..120_u32 {
@@ -155,7 +156,7 @@ fn bad_detections_never_poison_the_map() {
         assert_eq!(clean.len(), 12, "{method:?}");
         let (map, pose) = drive_with_wild_detections(config, true);
         for k in 0..12 {
-            let (bearing, range) = (f64::from(k) * 0.5236, 3.0 + f64::from(k % 3));
+            let (bearing, range) = (f64::from(k) * FRAC_PI_6, 3.0 + f64::from(k % 3));
             let place = [range * bearing.cos(), range * bearing.sin()];
             let nearest =
                 map.iter().map(|l| (l.mean[0] - place[0]).hypot(l.mean[1] - place[1])).fold(f64::MAX, f64::min);
@@ -238,7 +239,7 @@ fn a_class_decides_between_two_landmarks_that_stand_too_close_for_the_sensor() {
     let run = |classes: bool, signatures: bool| {
         let mut config = bayes();
         config.filter.particles = 1;
-        config.association.classes = classes.then(|| Classes { number: 2, correct_probability: 0.95 });
+        config.association.classes = classes.then_some(Classes { number: 2, correct_probability: 0.95 });
         config.association.signatures = signatures.then_some(Signatures { std: 0.05, spread: 1.0 });
         let mut filter = filter(config);
         let left = |at: f64| Sighting { appearance: look(0, 0.3), ..seen(at, 0.3) };
