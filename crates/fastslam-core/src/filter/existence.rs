@@ -147,6 +147,8 @@ impl<M: MeasurementModel> FastSlam<M> {
             (ExistenceForm::Bayes, Some(detection)) => -math::ln(1.0 - detection),
             _ => settings.missed_log_odds,
         };
+        // Below this its odds would round to nothing, and nothing could bring it back.
+        let floor = lowest.min(-50.0) - 1.0;
         let (exponent, removes) = (self.rules.likelihood_exponent, settings.removal == Removal::WhenMissed);
         let mask: Vec<bool> = verdicts.iter().map(|v| *v != Verdict::Unseen).collect();
         let mut dead = vec![false; verdicts.len()];
@@ -167,7 +169,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                     Verdict::Sighted(density) => {
                         (log_odds[i] + gained(association, *density)).min(settings.highest_log_odds)
                     }
-                    _ => log_odds[i] - missed_log_odds,
+                    _ => (log_odds[i] - missed_log_odds).max(floor),
                 };
                 if removes && log_odds[i] < lowest {
                     dead[i] = true;
