@@ -43,6 +43,8 @@ def run(
     identity: Ints,
     noise: Floats | None = None,
     progress: Callable[[int, int], None] | None = None,
+    class_index: Ints | None = None,
+    signature: Floats | None = None,
 ) -> dict[str, Any]:
     """Runs the filter over a log. ValueError for a bad log, RuntimeError when the filter cannot go on."""
 
@@ -92,6 +94,8 @@ class Filter:
         bearing_rad: Floats,
         identity: Ints,
         noise: Floats | None = None,
+        class_index: Ints | None = None,
+        signature: Floats | None = None,
     ) -> dict[str, Any]: ...
     def pose(self) -> tuple[Floats, Floats]: ...
     def particles(self) -> tuple[Floats, Floats]: ...

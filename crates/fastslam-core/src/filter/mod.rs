@@ -1,6 +1,7 @@
 //! The filter: particles over paths, and per particle a map of small Gaussians.
 
 mod adaptive;
+mod appearance;
 mod beliefs;
 mod estimate;
 mod examine;
@@ -9,10 +10,12 @@ pub(crate) mod health;
 mod identified;
 pub(crate) mod innovations;
 mod landmarks;
+mod merging;
 pub(crate) mod noise_check;
 mod particles;
 mod rejuvenation;
 mod scan;
+mod scan_methods;
 mod usable;
 
 pub use estimate::{MapEstimate, MapLandmark};
@@ -22,7 +25,7 @@ pub use noise_check::{Noise, NoiseReport, NoiseWarning, NoiseWarnings};
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
-use crate::association::{CandidateTable, FitTable, Rules};
+use crate::association::{Appearance, CandidateTable, FitTable, Rules};
 use crate::config::{Algorithm, Config};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
@@ -34,9 +37,11 @@ use crate::random::{Purpose, RandomSource};
 use crate::resampling;
 use crate::store::StoreUsage;
 use crate::weights::Weights;
+use appearance::Appearances;
 use beliefs::Beliefs;
 use health::{View, Vitals, Watch};
 use landmarks::Landmarks;
+use merging::Merger;
 use rejuvenation::Rejuvenation;
 
 /// One detection of a landmark.
@@ -48,12 +53,14 @@ pub struct Sighting {
     pub identity: Option<u32>,
     /// Covariance of (range, bearing) when the detector gives one.
     pub noise: Option<Symmetric2>,
+    /// What it looks like, when the detector says so.
+    pub appearance: Appearance,
 }
 
 impl Sighting {
     /// Range in metres and bearing in radians, counter-clockwise from the sensor's heading, with the sensor's noise.
     pub fn range_bearing(range_m: f64, bearing_rad: f64, identity: Option<u32>) -> Self {
-        Self { value: [range_m, bearing_rad], identity, noise: None }
+        Self { value: [range_m, bearing_rad], identity, noise: None, appearance: Appearance::default() }
     }
 }
 
@@ -68,6 +75,10 @@ pub struct StepInfo {
     pub new_landmarks: u32,
     /// Landmarks that the best particle removed from its map.
     pub removed: u32,
+    /// Landmarks that the best particle merged with another one.
+    pub merged: u32,
+    /// Particles for which the scan was too large for joint association.
+    pub fell_back: u32,
     /// Sightings that the best particle took for neither a known nor a new landmark.
     pub ignored: u32,
     /// Sightings skipped: not finite, or outside the sensor's limits.
@@ -161,6 +172,11 @@ pub struct FastSlam<M = RangeBearing> {
     table: CandidateTable,
     /// How well the candidates of the scan fit.
     fits: FitTable,
+    /// Log-likelihood of the scan's sighting of every candidate in every map; only where existence follows Bayes' rule.
+    sighting_densities: Vec<f64>,
+    /// Sightings of the scan that founded a landmark in some map, with its slot.
+    founded: Vec<(usize, u32)>,
+    merger: Merger,
     /// Of the step's sightings, per particle.
     log_likelihood: Vec<f64>,
     estimate: PoseEstimate,
@@ -198,8 +214,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         let gate_radius = rules.gate_radius(&model, config.sensor.tail());
         let noise = model.noise_covariance();
         let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
+        let mut landmarks = Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius);
+        landmarks.appearances = Appearances::new(config.filter.store, particles, &config.association);
         Ok(Self {
-            landmarks: Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius),
+            landmarks,
             lever_arm_m: config.sensor.mounting.x_m.hypot(config.sensor.mounting.y_m),
             T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
             gate_radius,
@@ -219,6 +237,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             beliefs: Beliefs::default(),
             table: CandidateTable::default(),
             fits: FitTable::default(),
+            sighting_densities: Vec::new(),
+            founded: Vec::new(),
+            merger: Merger::default(),
             log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             scratch: Vec::new(),
@@ -260,8 +281,10 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Processes all sightings of one stamp (there may be none).
     ///
-    /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings.
+    /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings; [`Error::Input`] for a class
+    /// beyond those configured.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        self.config.association.check_classes(sightings)?;
         let mut info = StepInfo { step: self.steps, ..StepInfo::default() };
         let usable = usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped);
         info.sightings = usable.len() as u32;
@@ -299,7 +322,9 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn process(&mut self, scan: &[scan::ScanSighting], info: &mut StepInfo) -> Result<()> {
         match (self.config.algorithm, self.identities) {
             _ if self.keeps_motion_pending(scan) => {
+                let before = self.weights.log_mean;
                 info.effective_sample_size = self.weights_now()?;
+                info.log_likelihood += self.weights.log_mean - before;
                 self.estimate_beliefs();
                 Ok(())
             }

@@ -1,8 +1,9 @@
 //! Steps in which particles decide which landmark a sighting shows.
 
+use super::scan_methods::explain;
 use super::{FastSlam, Particles, StepInfo};
-use crate::association::{decide, Belief, CandidateTable, Decision, ParticleHypothesis, Scratch};
-use crate::config::Algorithm;
+use crate::association::{Belief, CandidateTable, Decision, Outcome, ParticleHypothesis, Scratch};
+use crate::config::{Algorithm, ExistenceForm, MergingRule};
 use crate::error::Result;
 use crate::landmark::{column, correct_rows, first_rows};
 use crate::measurement::MeasurementModel;
@@ -21,10 +22,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.believe();
         let mut table = std::mem::take(&mut self.table);
         self.find_candidates(scan, &mut table);
-        let mut decisions = self.decide(scan, &table);
+        let mut decisions = self.decide(scan, &table, info);
         self.examine_decided(scan, &decisions, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.landmarks.births();
+        self.founded.clear();
+        self.sighting_densities.clear();
+        self.sighting_densities.resize(table.slots.len() * self.particles.len(), 0.0);
         let mut births = Vec::with_capacity(scan.len());
         for (j, sighting) in scan.iter().enumerate() {
             births.push(self.landmarks.births());
@@ -32,31 +36,38 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.correct_decided((j, sighting), &decided, &table, info);
         }
         self.remember_decided(scan, &decisions, &table, &births);
-        if self.removes_landmarks() && !scan.is_empty() {
+        if self.judges_existence() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
+        }
+        if self.config.association.merging.rule != MergingRule::Never && !scan.is_empty() {
+            self.merge_duplicates(&decisions, &table, first_birth, info);
         }
         self.table = table;
         Ok(())
     }
 
     /// Every particle's decisions (an equal share each), with its belief refined and its weight changed by them.
-    fn decide(&mut self, scan: &[ScanSighting], table: &CandidateTable) -> Vec<Decision> {
+    fn decide(&mut self, scan: &[ScanSighting], table: &CandidateTable, info: &mut StepInfo) -> Vec<Decision> {
         let mut decisions = vec![Decision::Ignored; self.particles.len() * scan.len()];
         let (model, beliefs, T_robot_sensor) = (&self.model, &self.beliefs, self.T_robot_sensor);
         self.fits.fill(table, |j, candidate, log_likelihood, distance| {
             let columns = [log_likelihood, distance];
             beliefs.fit(model, T_robot_sensor, &scan[j].measured, &table.rows(candidate), columns);
         });
+        self.gather_evidence(scan, table);
+        let (model, beliefs) = (&self.model, &self.beliefs);
+        let stream = self.random.stream(Purpose::Association, self.samplings);
         let (rules, fits) = (&self.rules, &self.fits);
         let one = |scratch: &mut Scratch, (i, mine): (usize, &mut [Decision])| {
             let belief = beliefs.get(i);
             let mut particle =
                 ParticleHypothesis { model, T_robot_sensor, table, fits, particle: i, belief, refined: None };
-            let increment = decide(rules, scan, &table.of_sighting, &mut particle, scratch, mine);
-            (particle.refined.map_or(belief, |(belief, _)| belief), increment)
+            let draw = |j: usize| stream.uniform(i as u32, j as u32);
+            let outcome = explain(rules, (scan, &table.of_sighting), &mut particle, scratch, draw, mine);
+            (particle.refined.map_or(belief, |(belief, _)| belief), outcome)
         };
         let share = scan.len().max(1);
-        let outcomes: Vec<(Belief, f64)> = match &self.workers {
+        let outcomes: Vec<(Belief, Outcome)> = match &self.workers {
             Some(workers) => workers
                 .install(|| decisions.par_chunks_mut(share).enumerate().map_init(Scratch::default, one).collect()),
             None => {
@@ -64,10 +75,11 @@ impl<M: MeasurementModel> FastSlam<M> {
                 decisions.chunks_mut(share).enumerate().map(|share| one(&mut scratch, share)).collect()
             }
         };
-        for (i, (belief, increment)) in outcomes.into_iter().enumerate() {
+        for (i, (belief, outcome)) in outcomes.into_iter().enumerate() {
             self.beliefs.set(i, &belief);
-            self.particles.log_weight[i] += increment;
-            self.particles.score[i] += increment;
+            self.particles.log_weight[i] += outcome.log_weight;
+            self.particles.score[i] += outcome.log_weight;
+            info.fell_back += u32::from(outcome.fell_back);
         }
         decisions
     }
@@ -178,6 +190,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
             let slot = table.slots[candidate as usize];
             let (model, poses, log_likelihood) = (&self.model, &self.sensor_poses, &mut self.log_likelihood);
+            log_likelihood.clear();
             log_likelihood.resize(mask.len(), 0.0);
             self.landmarks.update(slot, Some(&mask), |mut rows| {
                 if let Some(mark) = mark {
@@ -189,6 +202,14 @@ impl<M: MeasurementModel> FastSlam<M> {
             if let Some(identity) = sighting.identity {
                 self.landmarks.mark_identity(slot, identity);
             }
+            if let Some(appearances) = &mut self.landmarks.appearances {
+                appearances.learn(slot, &mask, sighting.appearance);
+            }
+            if self.config.association.existence.form == ExistenceForm::Bayes {
+                let densities = &mut self.sighting_densities[candidate as usize * mask.len()..][..mask.len()];
+                let chosen = (0..mask.len()).filter(|i| mask[*i]);
+                chosen.for_each(|i| densities[i] = self.log_likelihood[i]);
+            }
         }
         let new: Vec<bool> = decided.iter().map(|d| *d == Decision::New).collect();
         if new.contains(&true) {
@@ -198,8 +219,12 @@ impl<M: MeasurementModel> FastSlam<M> {
                 let n = new.len();
                 (0..n).filter(|i| new[*i]).for_each(|i| self.scratch[column::IDENTITY * n + i] = mark);
             }
-            let log_odds = self.config.association.existence.initial_log_odds;
-            self.landmarks.insert(sighting.identity, &self.scratch, log_odds);
+            let log_odds = self.initial_log_odds();
+            let slot = self.landmarks.insert(sighting.identity, &self.scratch, log_odds);
+            if let Some(appearances) = &mut self.landmarks.appearances {
+                appearances.learn(slot, &new, sighting.appearance);
+            }
+            self.founded.push((j, slot));
             new.iter().zip(&mut self.particles.landmarks).for_each(|(new, count)| *count += u32::from(*new));
             info.new_landmarks += 1;
         }

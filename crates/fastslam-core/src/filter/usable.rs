@@ -31,7 +31,7 @@ pub(crate) fn usable<M: MeasurementModel>(
             skipped.bad_covariance += 1;
         } else {
             let noise = s.noise.unwrap_or(model.noise_covariance());
-            usable.push(ScanSighting { measured: Measured { value, noise, tail }, identity });
+            usable.push(ScanSighting { measured: Measured { value, noise, tail }, identity, appearance: s.appearance });
         }
     }
     usable
