@@ -111,4 +111,9 @@ def make_steps(stamp_s: Floats) -> Steps:
         ignored=np.zeros(count, dtype=np.int64),
         landmarks=np.full(count, 8, dtype=np.int64),
         latency_us=np.arange(1.0, count + 1.0),
+        matched=np.full(count, 2, dtype=np.int64),
+        particles=np.full(count, 100, dtype=np.int64),
+        nis=np.full(count, 2.1),
+        health=np.where(np.arange(count) < 10, 0, np.where(np.arange(count) % 50 < 45, 1, 2)),
+        health_reasons=np.where((np.arange(count) >= 10) & (np.arange(count) % 50 >= 45), 6, 0),
     )

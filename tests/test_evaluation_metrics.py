@@ -25,7 +25,8 @@ from fastslam.result import Trajectory
 RUN_METRICS = {
     *("steps", "sightings", "landmarks", "filter_seconds", "particle_updates_per_second"),
     *("peak_memory_bytes", "map_bytes", "step_latency_us", "resamplings", "rejuvenations"),
-    *("mean_effective_sample_size", "counts"),
+    *("mean_effective_sample_size", "mean_particles", "nis", "health_ok_fraction", "health_lost_fraction"),
+    "counts",
 }
 
 
@@ -40,6 +41,9 @@ def test_run_metrics_by_hand() -> None:
     assert metrics["mean_effective_sample_size"] == 100 - 5 * 4.5
     assert metrics["step_latency_us"] == {"p50": 100.5, "p99": pytest.approx(198.01), "max": 200.0}
     assert metrics["counts"] == {"covariance_repairs": 3}
+    # Of 190 judged steps the last five of every fifty are degraded.
+    assert metrics["health_ok_fraction"] == pytest.approx(170 / 190)
+    assert (metrics["health_lost_fraction"], metrics["mean_particles"], metrics["nis"]) == (0.0, 100.0, None)
 
 
 def test_truth_metrics_of_a_perfect_run_are_zero() -> None:
@@ -163,7 +167,8 @@ def test_map_is_aligned_by_the_path_where_the_ids_say_nothing() -> None:
 
 
 def test_every_metric_has_a_unit_and_a_line_in_the_documentation() -> None:
-    full = evaluate(make_run(), make_log(fixes=True))
+    log = make_log(fixes=True)
+    full = evaluate(make_run(), replace(log, edited_fixes=log.position_fixes))
     assert set(full) == set(METRIC_UNITS)
     page = Path(__file__).parent.parent / "docs" / "metrics.md"
     documented = set(re.findall(r"^\| `([a-z0-9_]+)", page.read_text(), flags=re.MULTILINE))
@@ -204,3 +209,16 @@ def test_all_values_of_a_row_share_one_unit() -> None:
 
 def test_flatten_keeps_the_order() -> None:
     assert list(flatten({"b": 1, "a": {"y": 2, "x": None}})) == ["b", "a.y", "a.x"]
+
+
+def test_edited_fixes_by_hand() -> None:
+    """Every second fix 0.3 m off along x, the others as much the other way: no alignment takes that out."""
+    truth = truth_path()
+    sign = np.where(np.arange(200) % 2 == 0, 1.0, -1.0)
+    shifted = truth.T_world_robot[:, :2] + np.column_stack([0.3 * sign, np.zeros(200)])
+    log = replace(make_log(truth=False), edited_fixes=PositionFixes(truth.stamp_s, shifted))
+    # The alignment turns by the little that chance correlation of the signs with the path allows.
+    assert evaluate(make_run(), log)["edited_fixes_rms_m"] == pytest.approx(0.3, rel=1e-3)
+    assert "edited_fixes_rms_m" not in evaluate(make_run(), make_log(fixes=True))
+    still = make_run(trajectory=Trajectory(truth.stamp_s, np.zeros((200, 3))))
+    assert evaluate(still, log)["edited_fixes_rms_m"] is None

@@ -20,6 +20,7 @@ from fastslam.plots import (
     new_figure,
     plot_effective_sample_size,
     plot_error_over_time,
+    plot_health,
     plot_latency,
     plot_latency_histogram,
     plot_map,
@@ -32,7 +33,7 @@ from fastslam.report import render_report, write_report
 from fastslam.result import RunResult, Trajectory
 from matplotlib.axes import Axes
 
-NAMES = {"map", "error", "effective_sample_size", "latency"}
+NAMES = {"map", "error", "effective_sample_size", "health", "latency"}
 
 
 def empty_run() -> RunResult:
@@ -184,7 +185,7 @@ def make_page(log: Log | None = None, run: RunResult | None = None) -> str:
 def test_the_page_loads_nothing_from_elsewhere() -> None:
     page = make_page()
     found = read_page(page)
-    assert found.tags.count("svg") == 4
+    assert found.tags.count("svg") == 5
     assert "script" not in found.tags and "link" not in found.tags
     assert len(found.addresses) > 0
     assert all(address.startswith(("#", "data:image/png;base64,")) for address in found.addresses)
@@ -267,3 +268,17 @@ def test_scoring_imports_no_matplotlib_and_plots_no_pyplot() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "seen", done.stderr
+
+
+def test_the_health_figure_names_reasons_and_the_page_repeats_warnings() -> None:
+    run = make_run(warnings=("range innovations are 2.3 times as large as sensor.range_std_m says",))
+    with house_style():
+        axis = plot_health(new_figure(8.0, 3.0).add_subplot(), run)
+    rows = [label.get_text() for label in axis.get_yticklabels()]
+    # Reasons 6 of the fabricated run: bits 1 and 2.
+    assert rows == ["status", "innovations too large", "no sightings"]
+    assert "89.5 %" in axis.get_title(loc="left")
+    page = render_report(run, make_log())
+    assert (
+        '<p class="warning">Range innovations are 2.3 times as large as sensor.range_std_m says.</p>' in page
+    )

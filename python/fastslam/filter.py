@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from . import _core
 from .config import Config
 from .errors import DataError, NumericalError
+from .health import reason_names, status_name
 from .log import Floats, Ints
 from .result import LandmarkMap, Trajectory
 from .settings import Layer
@@ -23,7 +24,11 @@ Identity = str | int | None
 
 @dataclass(frozen=True)
 class StepInfo:
-    """What one update did; `skipped` counts sightings not finite, too near, too far or without identity."""
+    """What one update did; `skipped` counts sightings not finite, too near, too far or without identity.
+
+    `health` is `initializing`, `ok`, `degraded` or `lost`, `health_reasons` says why
+    (`fastslam.health.REASONS`), and `warnings` how the innovations lately contradict the configured noise.
+    """
 
     step: int
     sightings: int
@@ -35,6 +40,19 @@ class StepInfo:
     rejuvenated: bool
     log_likelihood: float
     landmarks: int
+    matched: int
+    """Sightings of landmarks that were known, in the best particle."""
+    removed: int
+    repaired: int
+    """Landmark covariances that lost definiteness, over all particles."""
+    particles: int
+    nis: float
+    """Mean normalised innovation squared per sighting, sliding window; 2 is expected, 0 before the first."""
+    nis_band: tuple[float, float]
+    """What holds 95 % of such means when the noise is right."""
+    health: str
+    health_reasons: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 class FastSlam:
@@ -114,6 +132,9 @@ class FastSlam:
                 signatures,
             )
         self._stamp_s = self._updated_s = stamp_s
+        columns["health"] = status_name(columns["health"])
+        columns["health_reasons"] = reason_names(columns["health_reasons"])
+        columns["warnings"] = tuple(columns["warnings"])
         return StepInfo(**columns)
 
     def rejuvenate(self) -> bool:

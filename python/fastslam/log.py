@@ -142,6 +142,8 @@ class Log:
     truth_trajectory: TruthTrajectory | None = None
     truth_landmarks: TruthLandmarks | None = None
     position_fixes: PositionFixes | None = None
+    edited_fixes: PositionFixes | None = None
+    """Fixes that somebody has picked as good, in a frame of their own."""
     scans: Scans | None = None
     """Laser scans, from which `fastslam.detection.detect` makes sightings."""
     config: dict[str, Any] = field(default_factory=dict)

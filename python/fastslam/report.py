@@ -12,6 +12,7 @@ from string import Template
 from .evaluation import Evaluation, Metrics, evaluate_run, flatten
 from .evaluation.display import MetricRow, format_metric, format_number, metric_rows, summary_rows
 from .evaluation.metrics import METRIC_UNITS, particle_count
+from .health import health_warning
 from .log import Log
 from .result import RunResult
 from .resultfiles import config_yaml, write_atomically
@@ -32,6 +33,9 @@ _CAPTIONS = {
     "the path as known at each time (live) and in hindsight (smoothed).",
     "error": "Distance between estimated and true position after rigid alignment; the band is twice the "
     "standard deviation along the major axis of the reported covariance.",
+    "health": "Above: whether the filter could be believed, and the reasons where not. Below: squared "
+    "innovations over what the configured noise predicts (NIS), averaged over a sliding window; far above 2 "
+    "the noise is set too small, far below too large.",
     "effective_sample_size": "1 / Σ weight² before resampling; a mark on the axis is a resampling.",
     "latency": "Computing time of each filter step, in order and as a distribution.",
 }
@@ -95,6 +99,9 @@ def _warnings(result: RunResult, found: Evaluation) -> str:
         texts.append("This run was stopped before the end of the log; everything here is up to that point.")
     if len(result.steps.stamp_s) == 0:
         texts.append("The log gave the filter no step, so there is no map and no path.")
+    unhealthy = health_warning(result.steps)
+    warnings = (*result.warnings, *(() if unhealthy is None else (unhealthy,)))
+    texts.extend(f"{warning[:1].upper()}{warning[1:]}." for warning in warnings)
     undetermined = [name for name, value in found.metrics.items() if value is None and name in METRIC_UNITS]
     if undetermined:
         texts.append("Not determined in this run: " + ", ".join(undetermined) + ".")
@@ -153,7 +160,18 @@ def _metrics_tables(metrics: Metrics) -> str:
     return "".join(_table(table) for table in (quality, cost) if table)
 
 
-_QUALITY = ("ate_", "smoothed_", "heading_", "relative_", "truth_", "landmark_", "gps_")
+_QUALITY = (
+    "ate_",
+    "smoothed_",
+    "heading_",
+    "relative_",
+    "truth_",
+    "landmark_",
+    "gps_",
+    "edited_",
+    "nis",
+    "health_",
+)
 
 
 def _table(rows: Iterable[MetricRow]) -> str:

@@ -66,6 +66,15 @@ class Steps:
     landmarks: Ints
     """Landmarks in the map of the best particle (filler steps repeat the last value)."""
     latency_us: Floats
+    matched: Ints
+    """Sightings of landmarks that were known, in the best particle."""
+    particles: Ints
+    nis: Floats
+    """Mean normalised innovation squared per sighting, sliding window; 2 is expected, 0 before the first."""
+    health: Ints
+    """`fastslam.health.HealthStatus`."""
+    health_reasons: Ints
+    """Bits, one per reason; `fastslam.health.reason_names` names them."""
 
 
 @dataclass(frozen=True)
@@ -92,3 +101,7 @@ class RunResult:
     """What the maps of all particles (the joint covariance of EKF-SLAM) occupy at the end."""
     counts: dict[str, int] = field(default_factory=dict)
     """Skips and repairs that were counted: name to number."""
+    warnings: tuple[str, ...] = ()
+    """What the innovations of the run say against the configured noise, a sentence each."""
+    noise: dict[str, Any] = field(default_factory=dict)
+    """The figures behind that: mean NIS with its band, and a factor for each standard deviation."""

@@ -18,6 +18,7 @@ import yaml
 
 from .errors import DataError
 from .evaluation import EvaluationOptions, Metrics, evaluate
+from .health import reason_bits, reason_names, status_code, status_name
 from .log import Floats, Log
 from .result import LandmarkMap, RunResult, Steps, Trajectory
 
@@ -33,6 +34,7 @@ PLACE_COLUMNS = ("id", "x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "sig
 LANDMARK_COLUMNS = (*PLACE_COLUMNS, "confirmed", "class", "signature")
 """Of these the last two are empty where nothing is known."""
 STEP_COLUMNS: dict[str, type] = {
+    # Every column of `Steps` in the order of the file; `str`: named in the file, coded in memory.
     "stamp_s": float,
     "effective_sample_size": float,
     "resampled": bool,
@@ -43,6 +45,11 @@ STEP_COLUMNS: dict[str, type] = {
     "ignored": int,
     "landmarks": int,
     "latency_us": float,
+    "matched": int,
+    "particles": int,
+    "nis": float,
+    "health": str,
+    "health_reasons": str,
 }
 COVARIANCE_COLUMNS = (
     *("stamp_s", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
@@ -161,6 +168,8 @@ def read_result(folder: Path | str) -> RunResult:
         map_bytes=facts["map_bytes"],
         interrupted=facts["interrupted"],
         counts=facts["counts"],
+        warnings=tuple(facts["warnings"]),
+        noise=facts["noise"],
     )
 
 
@@ -210,6 +219,8 @@ def _run_facts(result: RunResult) -> dict[str, Any]:
         "map_bytes": int(result.map_bytes),
         "interrupted": bool(result.interrupted),
         "counts": dict(result.counts),
+        "warnings": list(result.warnings),
+        "noise": dict(result.noise),
     }
 
 
@@ -265,6 +276,10 @@ def _steps_csv(steps: Steps) -> str:
 def _step_cell(value: Any, name: str, kind: type) -> str:
     if name == "stamp_s":
         return repr(float(value))
+    if name == "health":
+        return status_name(int(value))
+    if name == "health_reasons":
+        return "+".join(reason_names(int(value)))
     return f"{value:.9g}" if kind is float else str(int(value))
 
 
@@ -304,7 +319,7 @@ def _read_run_facts(path: Path) -> dict[str, Any]:
         raise DataError(f"not JSON: {error.msg}", path, error.lineno) from error
     kinds: dict[str, Any] = {"version": str, "log": str, "filter_seconds": (int, float)}
     kinds |= {"peak_memory_bytes": int, "map_rows": int, "map_bytes": int}
-    kinds |= {"interrupted": bool, "counts": dict}
+    kinds |= {"interrupted": bool, "counts": dict, "warnings": list, "noise": dict}
     for name, kind in kinds.items():
         if not isinstance(facts, dict) or not isinstance(facts.get(name), kind):
             raise DataError(f"`{name}` is missing or of the wrong type", path)
@@ -348,7 +363,8 @@ def _number(cell: str, kind: Callable[[str], Any], path: Path, line: int) -> Any
     try:
         return kind(cell)
     except ValueError:
-        raise DataError(f"expected a number, got {cell!r}", path, line) from None
+        expected = "a number" if kind in (int, float) else "a name that this version knows"
+        raise DataError(f"expected {expected}, got {cell!r}", path, line) from None
 
 
 def _read_landmarks(path: Path) -> LandmarkMap:
@@ -387,9 +403,12 @@ def _read_steps(path: Path) -> Steps:
     rows = _read_table(path, tuple(STEP_COLUMNS))
     columns: dict[str, Any] = {}
     for column, (name, kind) in enumerate(STEP_COLUMNS.items()):
-        parse = float if kind is float else int
+        parse = {"health": status_code, "health_reasons": reason_bits}.get(
+            name, float if kind is float else int
+        )
         values = [_number(row[column], parse, path, line) for line, row in rows]
-        columns[name] = np.array(values, dtype={float: np.float64, int: np.int64, bool: np.bool_}[kind])
+        dtype = {float: np.float64, int: np.int64, bool: np.bool_, str: np.int64}[kind]
+        columns[name] = np.array(values, dtype=dtype)
     return Steps(**columns)
 
 

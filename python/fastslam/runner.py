@@ -121,7 +121,9 @@ def _result(columns: dict[str, Any], log: Log, config: Config) -> RunResult:
         interrupted=columns["interrupted"],
         map_rows=columns["store_rows"],
         map_bytes=columns["store_bytes"],
-        counts=columns["skipped"],
+        counts=columns["skipped"] | {"landmark_covariances_repaired": columns["covariances_repaired"]},
+        warnings=tuple(columns["warnings"]),
+        noise=columns["noise"],
     )
 
 

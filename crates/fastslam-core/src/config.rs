@@ -30,6 +30,8 @@ pub struct Config {
     pub association: AssociationConfig,
     /// Where the robot starts; it defines the world frame.
     pub initial_pose: InitialPose,
+    /// From where on the filter says that it should not be believed; changes no estimate.
+    pub health: HealthConfig,
 }
 
 /// The algorithms.
@@ -50,8 +52,10 @@ pub enum Algorithm {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct FilterConfig {
-    /// Number of particles (M).
+    /// Number of particles (M); the start and the most where the number adapts.
     pub particles: u32,
+    /// Whether and how the number of particles follows the spread of the poses.
+    pub adaptive: AdaptiveConfig,
     /// How the maps are stored; changes speed and memory, never a result.
     pub store: StoreKind,
     /// Worker threads, which share the particles' decisions about associations; they change speed, never a result.
@@ -71,12 +75,88 @@ impl Default for FilterConfig {
     fn default() -> Self {
         Self {
             particles: 100,
+            adaptive: AdaptiveConfig::default(),
             store: StoreKind::default(),
             threads: 1,
             resampling: ResamplingConfig::default(),
             likelihood_exponent: 1.0,
             rejuvenation: RejuvenationConfig::default(),
             path_period_s: 0.5,
+        }
+    }
+}
+
+/// Whether the number of particles stays as it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ParticleNumber {
+    /// Always `filter.particles`.
+    #[default]
+    Fixed,
+    /// At every resampling as many as the spread of the poses needs (KLD sampling).
+    Kld,
+}
+
+/// How many particles are kept.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct AdaptiveConfig {
+    /// Whether the number follows the spread.
+    pub number: ParticleNumber,
+    /// Fewest particles.
+    pub minimum: u32,
+    /// Side of a bin of positions: smaller bins make more particles.
+    pub bin_m: f64,
+    /// Width of a bin of headings.
+    pub bin_rad: f64,
+    /// Largest divergence (Kullback and Leibler) between the particles and what they sample.
+    pub epsilon: f64,
+    /// Probability with which it may be larger.
+    pub delta: f64,
+}
+
+impl Default for AdaptiveConfig {
+    fn default() -> Self {
+        Self { number: ParticleNumber::default(), minimum: 10, bin_m: 0.2, bin_rad: 0.05, epsilon: 0.1, delta: 0.01 }
+    }
+}
+
+/// From where on the filter says that it should not be believed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct HealthConfig {
+    /// Steps with sightings over which most of what follows is averaged.
+    pub window_steps: u32,
+    /// Degraded when squared innovations, normalised, are on average this many times what the noise explains; lost
+    /// from four times as many.
+    pub largest_innovation_ratio: f64,
+    /// Degraded when the effective sample size is on average below this fraction of ten or more particles.
+    pub smallest_effective_fraction: f64,
+    /// Degraded when nothing was sighted for longer than this.
+    pub longest_blindness_s: f64,
+    /// Degraded when this fraction of the sightings shows no known landmark where known ones should be in view; lost
+    /// halfway from here to all.
+    pub largest_unexplained_fraction: f64,
+    /// Degraded when the landmarks of the map in view are sighted this many times as often as usual, or less.
+    pub smallest_detection_ratio: f64,
+    /// Degraded when the position's standard deviation along its longest axis is above this; lost from three times as
+    /// much.
+    pub largest_position_std_m: f64,
+    /// Degraded when the heading's standard deviation is above this; lost from three times as much.
+    pub largest_heading_std_rad: f64,
+}
+
+impl Default for HealthConfig {
+    fn default() -> Self {
+        Self {
+            window_steps: 20,
+            largest_innovation_ratio: 4.0,
+            smallest_effective_fraction: 0.02,
+            longest_blindness_s: 10.0,
+            largest_unexplained_fraction: 0.6,
+            smallest_detection_ratio: 0.4,
+            largest_position_std_m: 5.0,
+            largest_heading_std_rad: 0.3,
         }
     }
 }
@@ -311,7 +391,7 @@ impl Config {
         ] {
             finite(key, value)?;
         }
-        Ok(())
+        self.health.validate().map_err(|e| e.within("health"))
     }
 }
 
@@ -333,6 +413,37 @@ impl FilterConfig {
             return Err(Error::parameter("rejuvenation.window_steps", 0, "at least 1"));
         }
         positive("path_period_s", self.path_period_s)?;
+        self.adaptive.validate().map_err(|e| e.within("adaptive"))
+    }
+}
+
+impl AdaptiveConfig {
+    fn validate(&self) -> Result<()> {
+        if self.minimum == 0 {
+            return Err(Error::parameter("minimum", 0, "at least 1"));
+        }
+        positive("bin_m", self.bin_m)?;
+        positive("bin_rad", self.bin_rad)?;
+        positive("epsilon", self.epsilon)?;
+        if !(self.delta > 0.0 && self.delta < 0.5) {
+            return Err(Error::parameter("delta", self.delta, "above 0, below 0.5"));
+        }
+        Ok(())
+    }
+}
+
+impl HealthConfig {
+    fn validate(&self) -> Result<()> {
+        if self.window_steps == 0 {
+            return Err(Error::parameter("window_steps", 0, "at least 1"));
+        }
+        positive("largest_innovation_ratio", self.largest_innovation_ratio)?;
+        fraction("smallest_effective_fraction", self.smallest_effective_fraction)?;
+        positive("longest_blindness_s", self.longest_blindness_s)?;
+        fraction("largest_unexplained_fraction", self.largest_unexplained_fraction)?;
+        fraction("smallest_detection_ratio", self.smallest_detection_ratio)?;
+        positive("largest_position_std_m", self.largest_position_std_m)?;
+        positive("largest_heading_std_rad", self.largest_heading_std_rad)?;
         Ok(())
     }
 }

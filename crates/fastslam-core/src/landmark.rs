@@ -231,7 +231,8 @@ pub struct Measured {
 }
 
 /// Corrects a landmark in all maps (those in `mask`), adding one to its sightings, and adds the log-likelihood of the
-/// sighting before the correction to `log_likelihood`.
+/// sighting before the correction to `log_likelihood`. Returns how many landmarks were repaired: where rounding has made
+/// the covariance indefinite, the landmark is as it was before the sighting.
 pub fn correct_rows<M: MeasurementModel>(
     model: &M,
     poses: &SensorPoses,
@@ -239,7 +240,7 @@ pub fn correct_rows<M: MeasurementModel>(
     rows: RowsMut<'_>,
     mask: Option<&[bool]>,
     log_likelihood: &mut [f64],
-) {
+) -> u32 {
     match mask {
         None => vectorized(
             #[inline(always)]
@@ -250,7 +251,7 @@ pub fn correct_rows<M: MeasurementModel>(
             vectorized(
                 #[inline(always)]
                 || correct_where(model, poses, measured, rows, |i| mask[i], log_likelihood),
-            );
+            )
         }
     }
 }
@@ -263,7 +264,9 @@ fn correct_where<M: MeasurementModel>(
     rows: RowsMut<'_>,
     chosen: impl Fn(usize) -> bool,
     log_likelihood: &mut [f64],
-) {
+) -> u32 {
+    // As wide as the numbers beside it, or the loop would not become vector code.
+    let mut repaired = 0_u64;
     let n = log_likelihood.len();
     let [count, mean_x, mean_y, xx, xy, yy] = rows.columns::<{ column::COUNT }>().map(|c| &mut c[..n]);
     let (x, y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
@@ -274,13 +277,18 @@ fn correct_where<M: MeasurementModel>(
         let active = (count[i] != 0.0) & chosen(i);
         let pick = |new: f64, old: f64| if active { new } else { old };
         count[i] = pick(count[i] + 1.0, count[i]);
-        mean_x[i] = pick(after.mean[0], before.mean[0]);
-        mean_y[i] = pick(after.mean[1], before.mean[1]);
-        xx[i] = pick(after.covariance.xx, before.covariance.xx);
-        xy[i] = pick(after.covariance.xy, before.covariance.xy);
-        yy[i] = pick(after.covariance.yy, before.covariance.yy);
+        let Symmetric2 { xx: a, xy: b, yy: c } = after.covariance;
+        let definite = (a > 0.0) & (a * c - b * b > 0.0);
+        repaired += u64::from(active & !definite);
+        let sound = |new: f64, old: f64| if active & definite { new } else { old };
+        mean_x[i] = sound(after.mean[0], before.mean[0]);
+        mean_y[i] = sound(after.mean[1], before.mean[1]);
+        xx[i] = sound(a, before.covariance.xx);
+        xy[i] = sound(b, before.covariance.xy);
+        yy[i] = sound(c, before.covariance.yy);
         log_likelihood[i] += pick(fit.log_likelihood, 0.0);
     }
+    repaired as u32
 }
 
 /// The rows of a new landmark in all maps (those in `mask`; absent in the others), columns one after the other.
@@ -323,6 +331,25 @@ mod tests {
     use crate::measurement::RangeBearing;
 
     const MODEL: RangeBearing = RangeBearing { range_std_m: 0.2, bearing_std_rad: 0.05 };
+
+    #[test]
+    fn a_covariance_that_loses_definiteness_is_repaired_and_counted() {
+        let mut poses = SensorPoses::default();
+        poses.set(&[0.0; 3], &[0.0; 3], &[0.3; 3], Pose::default());
+        let noise = MODEL.noise_covariance();
+        let measured = Measured { value: [4.0, 0.2], noise, tail: Tail::Gaussian };
+        let mut rows = Vec::new();
+        first_rows(&MODEL, &poses, measured, Some(&[true, true, false]), column::COUNT, &mut rows);
+        let before = rows.clone();
+        // A sighting without any noise leaves nothing of the covariance.
+        let exact = Measured { value: [4.1, 0.21], noise: noise.scaled(0.0), tail: Tail::Gaussian };
+        let mut log_likelihood = [0.0; 3];
+        let repaired = correct_rows(&MODEL, &poses, exact, RowsMut::new(&mut rows, 3), None, &mut log_likelihood);
+        assert_eq!(repaired, 2);
+        assert_eq!(rows[3..], before[3..]);
+        assert_eq!(rows[..3], [2.0, 2.0, 0.0]);
+        assert_eq!(correct_rows(&MODEL, &poses, measured, RowsMut::new(&mut rows, 3), None, &mut log_likelihood), 0);
+    }
 
     #[test]
     fn the_first_covariance_is_the_measurement_noise_seen_from_the_pose() {

@@ -2,7 +2,7 @@
 
 use crate::config::Config;
 use crate::error::Result;
-use crate::filter::{Identities, MapEstimate, PoseEstimate, Skipped, StepInfo};
+use crate::filter::{Identities, MapEstimate, NoiseReport, PoseEstimate, Skipped, StepInfo};
 use crate::geometry::Pose;
 use crate::slam;
 use crate::store::StoreUsage;
@@ -40,6 +40,10 @@ pub struct RunOutput {
     pub map: MapEstimate,
     /// Sightings that could not be used, in total.
     pub skipped: Skipped,
+    /// Landmark covariances that lost definiteness and were repaired, in total.
+    pub repaired: u64,
+    /// What the innovations of the run say of the configured noise.
+    pub noise: NoiseReport,
     /// What the maps occupy at the end.
     pub usage: StoreUsage,
     /// Computing time of all steps, seconds.
@@ -69,6 +73,7 @@ pub fn run(config: &Config, log: &LogData, observer: &mut dyn Observer) -> Resul
                 let ended_s = observer.now_s();
                 out.steps.push(StepRecord { stamp_s, pose: filter.pose(), info, latency_s: ended_s - started_s });
                 add(&mut out.skipped, &info.skipped);
+                out.repaired += u64::from(info.repaired);
                 out.interrupted = !observer.step_done(out.steps.len());
                 started_s = observer.now_s();
                 if out.interrupted {
@@ -86,6 +91,7 @@ pub fn run(config: &Config, log: &LogData, observer: &mut dyn Observer) -> Resul
     out.smoothed = with_unsampled(&filter.best_path(), &path_steps, config.initial_pose.T_world_robot());
     out.map = filter.map();
     out.usage = filter.usage();
+    out.noise = filter.noise_report();
     Ok(out)
 }
 

@@ -3,7 +3,7 @@
 use crate::config::{Algorithm, Config};
 use crate::ekf_slam::EkfSlam;
 use crate::error::Result;
-use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Sighting, StepInfo};
+use crate::filter::{FastSlam, Identities, MapEstimate, NoiseReport, PoseEstimate, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
@@ -31,6 +31,8 @@ pub trait Slam: Send + Sync {
     fn map(&mut self) -> MapEstimate;
     /// What the map occupies.
     fn usage(&self) -> StoreUsage;
+    /// What the innovations so far say of the configured noise.
+    fn noise_report(&self) -> NoiseReport;
 }
 
 /// The configured filter at its initial pose with an empty map.
@@ -74,6 +76,9 @@ impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
     fn usage(&self) -> StoreUsage {
         self.store_usage()
     }
+    fn noise_report(&self) -> NoiseReport {
+        FastSlam::noise_report(self)
+    }
 }
 
 impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
@@ -106,5 +111,8 @@ impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
     }
     fn usage(&self) -> StoreUsage {
         EkfSlam::usage(self)
+    }
+    fn noise_report(&self) -> NoiseReport {
+        EkfSlam::noise_report(self)
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::settings::to_python;
 use crate::{arrays, config, run};
+use fastslam_core::config::Config;
 use fastslam_core::filter::Identities;
 use fastslam_core::slam::{self, Slam};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -16,6 +17,7 @@ type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 #[pyclass]
 pub struct Filter {
     filter: Box<dyn Slam>,
+    config: Config,
 }
 
 #[pymethods]
@@ -28,8 +30,9 @@ impl Filter {
             "none" => Identities::None,
             other => return Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
         };
-        let filter = slam::create(config::parse(config_json)?, identities).map_err(to_python)?;
-        Ok(Self { filter })
+        let config = config::parse(config_json)?;
+        let filter = slam::create(config.clone(), identities).map_err(to_python)?;
+        Ok(Self { filter, config })
     }
 
     fn predict(&mut self, py: Python<'_>, control: [f64; 3], dt_s: f64) -> PyResult<()> {
@@ -62,6 +65,15 @@ impl Filter {
         dict.set_item("rejuvenated", info.rejuvenated)?;
         dict.set_item("log_likelihood", info.log_likelihood)?;
         dict.set_item("landmarks", info.landmarks)?;
+        dict.set_item("removed", info.removed)?;
+        dict.set_item("matched", info.matched)?;
+        dict.set_item("repaired", info.repaired)?;
+        dict.set_item("particles", info.particles)?;
+        dict.set_item("nis", info.nis)?;
+        dict.set_item("nis_band", (info.nis_band[0], info.nis_band[1]))?;
+        dict.set_item("health", info.health.status as u8)?;
+        dict.set_item("health_reasons", info.health.reasons)?;
+        dict.set_item("warnings", info.noise_warnings.sentences(&self.config))?;
         let skipped = info.skipped;
         let unusable = skipped.not_finite + skipped.too_near + skipped.too_far;
         dict.set_item("skipped", unusable + skipped.without_identity + skipped.bad_covariance)?;

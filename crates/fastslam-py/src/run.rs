@@ -2,7 +2,8 @@
 
 use crate::settings::to_python;
 use crate::{arrays, config};
-use fastslam_core::filter::MapEstimate;
+use fastslam_core::config::Config;
+use fastslam_core::filter::{MapEstimate, NoiseReport};
 use fastslam_core::run::{Observer, RunOutput, StepRecord};
 use fastslam_core::timeline::{LogData, Timeline};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -82,10 +83,10 @@ pub fn run<'py>(
     if let Some(error) = observer.failure.filter(|e| !e.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)) {
         return Err(error);
     }
-    to_dict(py, &output)
+    to_dict(py, &output, &config)
 }
 
-fn to_dict<'py>(py: Python<'py>, output: &RunOutput) -> PyResult<Bound<'py, PyDict>> {
+fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let steps = &output.steps;
     let column = |f: &dyn Fn(&StepRecord) -> f64| -> Bound<'py, PyArray1<f64>> {
@@ -108,6 +109,14 @@ fn to_dict<'py>(py: Python<'py>, output: &RunOutput) -> PyResult<Bound<'py, PyDi
     dict.set_item("new_landmarks", counts(&|s| s.info.new_landmarks.into()))?;
     dict.set_item("ignored", counts(&|s| s.info.ignored.into()))?;
     dict.set_item("landmarks", counts(&|s| s.info.landmarks.into()))?;
+    dict.set_item("matched", counts(&|s| s.info.matched.into()))?;
+    dict.set_item("particles", counts(&|s| s.info.particles.into()))?;
+    dict.set_item("nis", column(&|s| s.info.nis))?;
+    dict.set_item("health", counts(&|s| s.info.health.status as i64))?;
+    dict.set_item("health_reasons", counts(&|s| s.info.health.reasons.into()))?;
+    dict.set_item("warnings", output.noise.warnings.sentences(config))?;
+    dict.set_item("noise", noise_to_dict(py, &output.noise)?)?;
+    dict.set_item("covariances_repaired", output.repaired)?;
     let smoothed = &output.smoothed;
     dict.set_item("smoothed_stamp_s", smoothed.iter().map(|n| n.0).collect::<Vec<_>>().into_pyarray(py))?;
     let poses: Vec<f64> = smoothed.iter().flat_map(|n| n.1.to_array()).collect();
@@ -126,6 +135,23 @@ fn to_dict<'py>(py: Python<'py>, output: &RunOutput) -> PyResult<Bound<'py, PyDi
     let fell_back: u64 = steps.iter().map(|s| u64::from(s.info.fell_back)).sum();
     skipped.set_item("joint_association_fallbacks", fell_back)?;
     dict.set_item("skipped", skipped)?;
+    Ok(dict)
+}
+
+/// What the innovations of a run say: NaN where they do not.
+fn noise_to_dict<'py>(py: Python<'py>, noise: &NoiseReport) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("scans", noise.scans)?;
+    dict.set_item("sightings", noise.sightings)?;
+    dict.set_item("nis", noise.nis)?;
+    dict.set_item("nis_band", (noise.band[0], noise.band[1]))?;
+    dict.set_item("range_nis", noise.of_component[0])?;
+    dict.set_item("bearing_nis", noise.of_component[1])?;
+    dict.set_item("correlated_scans", noise.correlated_scans)?;
+    for (name, factor) in ["range", "bearing", "motion"].into_iter().zip(noise.std_factors) {
+        let [value, low, high] = factor.unwrap_or([f64::NAN; 3]);
+        dict.set_item(format!("{name}_std_factor"), (value, low, high))?;
+    }
     Ok(dict)
 }
 

@@ -10,11 +10,15 @@ import typer
 from ..datasets.registry import load
 from ..errors import DataError
 from ..evaluation import evaluate
+from ..evaluation.monte_carlo import LEVELS, Consistency, NeesSummary
 from ..log import Log
-from ..resultfiles import read_result, to_json
-from .console import stdout
+from ..monte_carlo import consistency_facts, monte_carlo, simulated_logs
+from ..resultfiles import read_result, to_json, write_atomically
+from ..simulation import SCHEMA
+from .console import make_table, progress_bar, stderr, stdout
 from .options import Format, Robot, Run
 from .output import metrics_table, read_log_reference, summary_table
+from .simulate import SETTINGS_FILE
 
 
 def evaluate_results(
@@ -26,6 +30,13 @@ def evaluate_results(
     robot: Robot = None,
     run: Run = None,
     json: Annotated[bool, typer.Option("--json", help="Print the metrics as JSON.")] = False,
+    runs: Annotated[
+        int | None,
+        typer.Option(min=2, metavar="N", help="Run again N times: can the uncertainty be believed?"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="With --runs: folder for consistency.json and .png.", metavar="OUT")
+    ] = None,
 ) -> None:
     """Score one results folder, or several together with the 95 % confidence interval of each metric.
 
@@ -34,7 +45,18 @@ def evaluate_results(
       fastslam eval results/latest
       fastslam eval results/latest --truth LOG
       fastslam eval results/seed*
+      fastslam eval results/latest --runs 50
+
+    With --runs the configuration of one results folder is run again with other seeds, and the errors are
+    compared with the reported covariances: NEES against its bounds, coverage of the ellipses. Of a simulated
+    log (with `simulation.yaml`) every run gets new noise and a new world; any other log stays the same.
     """
+    if runs is not None:
+        if len(results) != 1:
+            raise typer.BadParameter(f"--runs takes one results folder, got {len(results)}")
+        log = _log_of(results[0], truth, format, robot, run)
+        _show_consistency(results[0], log, runs, json=json, out=out or results[0])
+        return
     metrics = [
         evaluate(read_result(folder), _log_of(folder, truth, format, robot, run)) for folder in results
     ]
@@ -58,3 +80,52 @@ def _log_of(folder: Path, truth: Path | None, format: str | None, robot: int | N
         robot=robot or reference.robot,
         run=run or reference.run,
     )
+
+
+def _show_consistency(folder: Path, log: Log, runs: int, *, json: bool, out: Path) -> None:
+    config = read_result(folder).config
+    settings = Path(log.source) / SETTINGS_FILE
+    simulated = settings.is_file()
+    log_of = simulated_logs(SCHEMA.load(settings)) if simulated else lambda _: log
+    if not simulated:
+        stderr().print(
+            "note: every run is over the same log, so the runs are not independent", soft_wrap=True
+        )
+    first = int(config["seed"])
+    with progress_bar(log.name, unit="runs") as advance:
+        found = monte_carlo(
+            log_of, config, seeds=range(first, first + runs), progress=lambda done: advance(done, runs)
+        )
+    # Matplotlib takes a second to load and is needed only here.
+    from ..plots import consistency_figure, house_style, render
+
+    write_atomically(out / "consistency.json", to_json(consistency_facts(found)))
+    with house_style():
+        figure = consistency_figure({log.name: found}, title=f"NEES over {runs} runs")
+    write_atomically(out / "consistency.png", render(figure, "png"))
+    if json:
+        typer.echo(to_json(consistency_facts(found)), nl=False)
+        return
+    stdout().print(make_table(f"{log.name}: {runs} runs", ("quantity", ">value", "expected"), _rows(found)))
+    stdout().print(f"results: {out / 'consistency.png'}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _rows(found: Consistency) -> list[tuple[str, str, str]]:
+    rows = _nees_rows("pose", found.pose)
+    quarters = ", ".join(f"{value:.1f}" for value in found.pose_median_of_quarter)
+    rows.append(("pose: NEES, median of each quarter", quarters, ""))
+    rows += _nees_rows("position", found.position)
+    if found.landmarks is not None:
+        rows += _nees_rows("landmarks", found.landmarks)
+    rows.append(("stamps with a collapsed covariance", f"{found.floored:,}", "0"))
+    return rows
+
+
+def _nees_rows(name: str, nees: NeesSummary) -> list[tuple[str, str, str]]:
+    low, high = nees.bounds
+    found = nees.coverage.found.items()
+    coverage = [
+        (f"{name}: inside the {level} ellipse", f"{100 * value:.1f} %", f"{100 * stated:g} %")
+        for (level, value), stated in zip(found, LEVELS, strict=True)
+    ]
+    return [(f"{name}: NEES, mean", f"{nees.mean:.2f}", f"{low:.2f} to {high:.2f}"), *coverage]

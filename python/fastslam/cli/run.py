@@ -11,6 +11,7 @@ from ..config import Config, load_config, parse_assignments
 from ..datasets.registry import load
 from ..errors import DataError
 from ..evaluation import Metrics, evaluate
+from ..health import health_warning
 from ..log import Log
 from ..outputs import write_outputs
 from ..result import RunResult
@@ -120,6 +121,9 @@ def run_and_report(log: Log, config: Config, folder: Path, *, runs: int = 1, rep
         metrics = write_outputs(first, log, folder, report=report, other_runs=others)
     console = stdout()
     console.print(summary_table(log.name, [metrics, *others]) if others else metrics_table(log.name, metrics))
+    unhealthy = health_warning(first.steps)
+    for warning in (*first.warnings, *(() if unhealthy is None else (unhealthy,))):
+        stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
     _announce(folder, report=report, interrupted=interrupted)
 
 

@@ -4,7 +4,8 @@ All times are seconds on the clock of the extracted features. Quirks handled: be
 vehicle's right, so a quarter turn is taken off; the diameter is the signature; the state is the pose of the
 LASER, whose place on the vehicle is in the motion model, so the sensor mounting is zero. The position fixes
 are all 4466 of `gps.dat` (the rotated and shifted frame of that file), outliers included: 74 are more than
-10 m off, so score with a median or a trimmed mean. There are no identities and no true map.
+10 m off, so score with a median or a trimmed mean. The 948 that the authors kept, `ascii_2003/GPS.txt` (north
+first), are the edited fixes where that file is there. There are no identities and no true map.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from .options import LoadOptions
 from .text import find_file, read_table, require_file
 
 FOLDER = "features_rfs_slam"
+EDITED_FOLDER = "ascii_2003"
 FILES = ("measurements.dat", "inputs.dat", "gps.dat")
 CONTROL_PERIOD_S = 0.025
 
@@ -56,6 +58,7 @@ def load(path: Path, options: LoadOptions) -> Log:
         controls=controls,
         sightings=sightings,
         position_fixes=PositionFixes(fixes[:, 0], fixes[:, 1:]),
+        edited_fixes=_edited_fixes(folder),
         config=configuration(),
         problems=control_problems + sighting_problems,
     )
@@ -64,6 +67,15 @@ def load(path: Path, options: LoadOptions) -> Log:
 def _folder(path: Path) -> Path:
     inner = path / FOLDER
     return inner if inner.is_dir() else path
+
+
+def _edited_fixes(folder: Path) -> PositionFixes | None:
+    """The fixes of the edition of 2003, on the same clock, east first; None where they are not beside."""
+    file = find_file(folder.parent / EDITED_FOLDER, "GPS.txt")
+    if file is None:
+        return None
+    stamp_s, north_m, east_m = read_table(file, 3).T
+    return PositionFixes(stamp_s, np.column_stack([east_m, north_m]))
 
 
 def configuration() -> dict[str, Any]:

@@ -5,12 +5,14 @@ from .assignment import Gospa, assign_points, gospa
 from .consistency import PoseNees, nees_bounds, pose_nees
 from .landmarks import LandmarkErrors, LandmarkMatching, landmark_errors
 from .metrics import METRIC_UNITS, Evaluation, EvaluationOptions, Metrics, evaluate, evaluate_run
+from .monte_carlo import Consistency, RunConsistency, run_consistency, summarize_consistency
 from .position_fixes import FixErrors, fix_errors
 from .runs import MetricSummary, flatten, summarize
 from .trajectory import ErrorSummary, TrajectoryErrors, relative_errors, trajectory_errors
 
 __all__ = [
     "METRIC_UNITS",
+    "Consistency",
     "ErrorSummary",
     "Evaluation",
     "EvaluationOptions",
@@ -23,6 +25,7 @@ __all__ = [
     "PoseNees",
     "RigidTransform",
     "RobustAlignment",
+    "RunConsistency",
     "TrajectoryErrors",
     "align_points",
     "align_points_robustly",
@@ -36,6 +39,8 @@ __all__ = [
     "nees_bounds",
     "pose_nees",
     "relative_errors",
+    "run_consistency",
     "summarize",
+    "summarize_consistency",
     "trajectory_errors",
 ]

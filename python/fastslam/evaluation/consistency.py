@@ -37,12 +37,13 @@ def pose_nees(
     *,
     T_truth_world: RigidTransform | None = None,
     max_gap_s: float = 1.0,
+    position_only: bool = False,
 ) -> PoseNees:
     """eᵀ C⁻¹ e of the pose errors, with the covariance of the mixture turned into the frame of the truth.
 
     `T_truth_world` aligns the frames; None where the run was started at the true pose. (1 mm)² and (1 mrad)²
-    are added to the variances. Errors: `DataError` where the trajectory has no covariance or one that is not
-    positive semi-definite.
+    are added to the variances. `position_only` leaves the heading out (2 degrees of freedom).
+    Errors: `DataError` where the trajectory has no covariance or one that is not positive semi-definite.
     """
     if estimate.covariance is None:
         raise DataError("NEES needs a trajectory with covariance")
@@ -51,7 +52,7 @@ def pose_nees(
     true_poses, covered = interpolate_poses(
         truth.stamp_s, truth.T_world_robot, estimate.stamp_s, max_gap_s=max_gap_s
     )
-    size = 3 if truth.heading_known else 2
+    size = 3 if truth.heading_known and not position_only else 2
     error = transform.apply_poses(estimate.T_world_robot[covered]) - true_poses[covered]
     error[:, 2] = wrap_angle(error[:, 2])
     covariance = transform.apply_covariances(estimate.covariance[covered])[:, :size, :size]

@@ -7,11 +7,12 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from ..health import health_summary
 from ..log import Log
 from ..result import RunResult
 from .align import INLIER_DISTANCE_M, RigidTransform
 from .landmarks import GATE_M, LandmarkErrors, LandmarkMatching, landmark_errors
-from .position_fixes import FixErrors, fix_errors
+from .position_fixes import FixErrors, edited_fix_rms_m, fix_errors
 from .trajectory import ErrorSummary, TrajectoryErrors, relative_errors, trajectory_errors
 
 Number: TypeAlias = "float | int | None"
@@ -30,6 +31,10 @@ METRIC_UNITS: dict[str, str] = {
     "resamplings": "",
     "rejuvenations": "",
     "mean_effective_sample_size": "particles",
+    "mean_particles": "particles",
+    "nis": "",
+    "health_ok_fraction": "",
+    "health_lost_fraction": "",
     "ate_rmse_m": "m",
     "ate_median_m": "m",
     "ate_p95_m": "m",
@@ -53,6 +58,7 @@ METRIC_UNITS: dict[str, str] = {
     "gps_inlier_rmse_m": "m",
     "gps_inlier_fraction": "",
     "gps_fixes_uncovered": "",
+    "edited_fixes_rms_m": "m",
     "counts": "",
 }
 """Unit of every metric, for display; the members of a nested metric share it. Empty: a plain number."""
@@ -132,6 +138,13 @@ def evaluate_run(result: RunResult, log: Log, *, options: EvaluationOptions | No
             max_gap_s=chosen.max_gap_s,
         )
         metrics |= _fix_metrics(fixes)
+    if log.edited_fixes is not None:
+        metrics["edited_fixes_rms_m"] = edited_fix_rms_m(
+            result.trajectory,
+            log.edited_fixes,
+            antenna_in_robot_m=chosen.antenna_in_robot_m,
+            max_gap_s=chosen.max_gap_s,
+        )
     metrics["counts"] = dict(result.counts)
     return Evaluation(metrics, live, smoothed, landmarks, fixes)
 
@@ -143,7 +156,8 @@ def run_metrics(result: RunResult) -> Metrics:
     particles = particle_count(result.config)
     rate = None
     if particles is not None and result.filter_seconds > 0.0:
-        rate = particles * sightings / result.filter_seconds
+        rate = float(steps.particles @ steps.sightings) / result.filter_seconds
+    health = health_summary(steps)
     return {
         "steps": len(steps.stamp_s),
         "sightings": sightings,
@@ -158,6 +172,10 @@ def run_metrics(result: RunResult) -> Metrics:
         "mean_effective_sample_size": _finite(np.mean(steps.effective_sample_size))
         if len(steps.stamp_s)
         else None,
+        "mean_particles": _finite(np.mean(steps.particles)) if len(steps.stamp_s) else None,
+        "nis": _finite(result.noise["nis"]) if result.noise.get("sightings") else None,
+        "health_ok_fraction": health.ok,
+        "health_lost_fraction": health.lost,
     }
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import DataError
 from ..log import Floats, PositionFixes
 from ..result import Trajectory
-from .align import INLIER_DISTANCE_M, RigidTransform, align_points_robustly
+from .align import INLIER_DISTANCE_M, RigidTransform, align_points, align_points_robustly
 from .trajectory import check_trajectory, default_max_gap_s, interpolate_poses
 
 
@@ -68,6 +68,34 @@ def fix_errors(
         inlier_fraction=float(np.mean(alignment.inliers)),
         uncovered=int(np.count_nonzero(~covered)),
     )
+
+
+def edited_fix_rms_m(
+    estimate: Trajectory,
+    fixes: PositionFixes,
+    *,
+    antenna_in_robot_m: tuple[float, float] = (0.0, 0.0),
+    max_gap_s: float | None = None,
+) -> float | None:
+    """Root mean square distance of the path to fixes that are all good, after the best rigid alignment.
+
+    None where fewer than two fixes are covered or the robot never left its place. Errors: `DataError` for
+    values that are not finite.
+    """
+    check_trajectory(estimate.stamp_s, estimate.T_world_robot, what="estimated path")
+    padded = np.column_stack([fixes.position_m, np.zeros(len(fixes.stamp_s))])
+    check_trajectory(fixes.stamp_s, padded, what="edited fixes")
+    gap_s = default_max_gap_s(estimate.stamp_s) if max_gap_s is None else max_gap_s
+    poses, covered = interpolate_poses(
+        estimate.stamp_s, estimate.T_world_robot, fixes.stamp_s, max_gap_s=gap_s
+    )
+    antenna_m, fix_m = antenna_positions(poses[covered], antenna_in_robot_m), fixes.position_m[covered]
+    try:
+        transform = align_points(antenna_m, fix_m)
+    except DataError:
+        return None
+    error_m = np.linalg.norm(transform.apply_points(antenna_m) - fix_m, axis=1)
+    return float(np.sqrt(np.mean(error_m**2)))
 
 
 def antenna_positions(T_world_robot: Floats, antenna_in_robot_m: tuple[float, float]) -> Floats:

@@ -1,4 +1,4 @@
-"""The four figures that every run gets, as objects, PNG files or SVG text."""
+"""The figures that every run gets, as objects, PNG files or SVG text."""
 
 from __future__ import annotations
 
@@ -13,18 +13,23 @@ from ..log import Log
 from ..result import RunResult
 from ..resultfiles import write_atomically
 from . import style
+from .health import plot_health, plot_innovations
 from .map import plot_map
 from .over_time import plot_effective_sample_size, plot_error_over_time, plot_latency, plot_latency_histogram
 
 
 def make_figures(result: RunResult, log: Log, *, evaluation: Evaluation | None = None) -> dict[str, Figure]:
-    """The figures `map`, `error`, `effective_sample_size` and `latency`, by name."""
+    """The figures `map`, `error`, `health`, `effective_sample_size` and `latency`, by name."""
     found = evaluate_run(result, log) if evaluation is None else evaluation
     with style.house_style():
         map_figure = style.new_figure(8.0, 7.2)
         plot_map(map_figure.add_subplot(), result, log, evaluation=found)
         error_figure = style.new_figure(8.0, 3.8)
         plot_error_over_time(error_figure.add_subplot(), result, log, evaluation=found)
+        health_figure = style.new_figure(8.0, 4.2)
+        upper, lower = health_figure.subplots(2, 1, sharex=True, height_ratios=[2, 3])
+        plot_health(upper, result)
+        plot_innovations(lower, result)
         sample_figure = style.new_figure(8.0, 3.4)
         plot_effective_sample_size(sample_figure.add_subplot(), result)
         latency_figure = style.new_figure(8.0, 3.4)
@@ -34,6 +39,7 @@ def make_figures(result: RunResult, log: Log, *, evaluation: Evaluation | None =
     return {
         "map": map_figure,
         "error": error_figure,
+        "health": health_figure,
         "effective_sample_size": sample_figure,
         "latency": latency_figure,
     }

@@ -84,7 +84,12 @@ def plot_effective_sample_size(axis: Axes, result: RunResult) -> Axes:
             linewidth=0.9,
         )
     particles = particle_count(result.config)
-    if particles is not None:
+    if len(np.unique(steps.particles)) > 1:
+        varied: dict[str, Any] = {"color": style.MUTED, "linewidth": 1.0, "drawstyle": "steps-post"}
+        axis.plot(
+            time_s, steps.particles, **varied, rasterized=style.is_heavy(len(time_s)), label="particles"
+        )
+    elif particles is not None:
         ceiling: dict[str, Any] = {"color": style.MUTED, "linestyle": (0, (4, 2)), "linewidth": 1.0}
         axis.axhline(particles, **ceiling, label=f"{particles:,} particles")
     if steps.resampled.any():

@@ -9,7 +9,9 @@ pub mod covariance;
 use crate::association::{by_robot_pose, Appearance, Rules, ScanSighting};
 use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Sighting, StepInfo};
+use crate::filter::health::{View as FieldOfView, Vitals, Watch};
+use crate::filter::innovations::PredictedScan;
+use crate::filter::{usable, Identities, MapEstimate, MapLandmark, NoiseReport, PoseEstimate, Sighting, StepInfo};
 use crate::geometry::{transform3, Matrix3, Pose, Symmetric2};
 use crate::landmark::{fit_with_tail, Fit, Measured};
 use crate::math::wrap_angle;
@@ -60,6 +62,10 @@ pub struct EkfSlam<M = RangeBearing> {
     trail: Vec<(f64, Pose)>,
     steps: u64,
     gain: VectorPair,
+    /// Whether all this can be believed.
+    watch: Watch,
+    /// What the sliding window said of the noise when it was last looked at.
+    noise_report: NoiseReport,
 }
 
 /// A landmark as the state sees it: innovation, its derivative by the state, and its covariance.
@@ -97,6 +103,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
             trail: Vec::new(),
             steps: 0,
             gain: VectorPair::new(),
+            watch: Watch::new(config.health, FieldOfView::of(&config)),
+            noise_report: NoiseReport::default(),
             model,
             config,
         })
@@ -145,9 +153,44 @@ impl<M: MeasurementModel> EkfSlam<M> {
             return Err(Error::NotFinite { step: self.steps, what: "the pose" });
         }
         info.landmarks = self.landmarks.len() as u32;
+        self.judge_health(stamp_s, &mut info);
         self.trail.push((stamp_s, self.pose));
         self.steps += 1;
         Ok(info)
+    }
+
+    /// Takes note of a sighting of a known landmark. Of the noises together, as the joint state does not keep them apart.
+    fn examine(&mut self, index: u32, view: &View, sighting: &ScanSighting) {
+        self.watch.matched(std::iter::once((sighting.measured.value, u64::from(index))), 0);
+        let mut scan = PredictedScan { size: 2, ..PredictedScan::default() };
+        scan.innovation[..2].copy_from_slice(&view.innovation);
+        let Symmetric2 { xx, xy, yy } = view.s;
+        scan.covariance[0][..2].copy_from_slice(&[xx, xy]);
+        scan.covariance[1][..2].copy_from_slice(&[xy, yy]);
+        if let Some(score) = scan.score() {
+            self.watch.noise.add(&score);
+        }
+    }
+
+    /// Gives the verdict on a step.
+    fn judge_health(&mut self, stamp_s: f64, info: &mut StepInfo) {
+        (info.particles, info.matched) = (1, self.watch.matches() as u32);
+        self.watch.matched(std::iter::empty(), info.sightings as usize);
+        if self.watch.noise.is_report_due() {
+            self.noise_report = self.watch.noise.of_window();
+        }
+        let report = &self.noise_report;
+        (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
+        let births_before = self.landmarks.len() as u64 - u64::from(info.new_landmarks);
+        let (particles, effective_sample_size, pose) = (1, 1.0, self.pose());
+        let vitals = Vitals { stamp_s, particles, effective_sample_size, pose, births_before, map_in_view: None };
+        let model = &self.model;
+        info.health = self.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
+    }
+
+    /// What the innovations so far say of the configured noise.
+    pub fn noise_report(&self) -> NoiseReport {
+        self.watch.noise.of_run()
     }
 
     /// Corrects the landmarks that are known and returns the sightings of others.
@@ -219,6 +262,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let measured = &sighting.measured;
         let view = self.view(index, measured);
         let fit = fit_with_tail(view.innovation, view.s, measured.tail);
+        self.examine(index, &view, sighting);
         let more = measured.noise.scaled(measured.tail.noise_scale(fit.mahalanobis_squared) - 1.0);
         let s = Symmetric2::new(view.s.xx + more.xx, view.s.xy + more.xy, view.s.yy + more.yy);
         if !s.is_positive_definite() {

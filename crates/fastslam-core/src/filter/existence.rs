@@ -78,7 +78,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         in_reach.extend_from_slice(&table.slots);
         in_reach.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
         in_reach.dedup();
-        let sighted = sighted_candidates(decisions, table);
+        let sighted = sighted_candidates(decisions, table.slots.len(), self.particles.len());
         let mut verdicts = vec![Verdict::Unseen; self.particles.len()];
         for slot in in_reach {
             // Candidates that nobody holds any more are gone; they have no birth.
@@ -87,7 +87,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
             self.find_in_view(slot, &mut verdicts);
             if let Some(candidate) = table.slots.iter().position(|s| *s == slot) {
-                let sighted = &sighted[candidate * table.particles..][..table.particles];
+                let sighted = &sighted[candidate * verdicts.len()..][..verdicts.len()];
                 let densities = &self.sighting_densities[candidate * verdicts.len()..][..verdicts.len()];
                 for (i, verdict) in verdicts.iter_mut().enumerate().filter(|(i, _)| sighted[*i]) {
                     *verdict = Verdict::Sighted(densities[i]);
@@ -204,13 +204,13 @@ fn gained(association: &AssociationConfig, log_likelihood: f64) -> f64 {
 }
 
 /// Whether a particle took some sighting for a candidate: one entry per particle, for each candidate in turn.
-fn sighted_candidates(decisions: &[Decision], table: &CandidateTable) -> Vec<bool> {
-    let mut sighted = vec![false; table.slots.len() * table.particles];
-    let share = decisions.len() / table.particles;
+fn sighted_candidates(decisions: &[Decision], candidates: usize, particles: usize) -> Vec<bool> {
+    let mut sighted = vec![false; candidates * particles];
+    let share = decisions.len() / particles;
     for (i, mine) in decisions.chunks_exact(share).enumerate() {
         for decision in mine {
             if let Decision::Landmark(candidate) = decision {
-                sighted[*candidate as usize * table.particles + i] = true;
+                sighted[*candidate as usize * particles + i] = true;
             }
         }
     }

@@ -18,7 +18,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 self.insert_for_all(sighting, info);
                 continue;
             };
-            self.correct_all(slot, sighting);
+            self.correct_all(slot, sighting, info);
         }
         self.weigh();
         let before = self.weights.log_mean;
@@ -48,23 +48,23 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.beliefs.refine(&self.model, self.T_robot_sensor, &sighting.measured, &rows, log_likelihood);
         }
         self.weigh();
-        self.weigh_resample_sample(&mut [], info)?;
+        self.weigh_resample_sample(&mut Vec::new(), info)?;
         for sighting in scan {
             let Some(slot) = self.known_slot(sighting) else {
                 self.insert_for_all(sighting, info);
                 continue;
             };
-            self.correct_all(slot, sighting);
+            self.correct_all(slot, sighting, info);
         }
         self.remember_identified(scan);
         Ok(())
     }
 
     /// Corrects a landmark in every map and adds to the log-likelihoods of the step.
-    fn correct_all(&mut self, slot: u32, sighting: &ScanSighting) {
+    fn correct_all(&mut self, slot: u32, sighting: &ScanSighting, info: &mut StepInfo) {
         let (model, poses, log_likelihood) = (&self.model, &self.sensor_poses, &mut self.log_likelihood);
         self.landmarks.update(slot, None, |rows| {
-            correct_rows(model, poses, sighting.measured, rows, None, log_likelihood);
+            info.repaired += correct_rows(model, poses, sighting.measured, rows, None, log_likelihood);
         });
         self.learn_appearance(slot, sighting);
     }
@@ -89,7 +89,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
     }
 
-    fn known_slot(&self, sighting: &ScanSighting) -> Option<u32> {
+    pub(super) fn known_slot(&self, sighting: &ScanSighting) -> Option<u32> {
         sighting.identity.and_then(|identity| self.landmarks.of_identity(identity).first().copied())
     }
 

@@ -1,12 +1,17 @@
 //! The filter: particles over paths, and per particle a map of small Gaussians.
 
+mod adaptive;
 mod appearance;
 mod beliefs;
 mod estimate;
+mod examine;
 mod existence;
+pub(crate) mod health;
 mod identified;
+pub(crate) mod innovations;
 mod landmarks;
 mod merging;
+pub(crate) mod noise_check;
 mod particles;
 mod rejuvenation;
 mod scan;
@@ -14,7 +19,9 @@ mod scan_methods;
 mod usable;
 
 pub use estimate::{MapEstimate, MapLandmark};
+pub use health::{Health, HealthReason, HealthStatus};
 pub use landmarks::Identities;
+pub use noise_check::{Noise, NoiseReport, NoiseWarning, NoiseWarnings};
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
@@ -32,6 +39,7 @@ use crate::store::StoreUsage;
 use crate::weights::Weights;
 use appearance::Appearances;
 use beliefs::Beliefs;
+use health::{View, Vitals, Watch};
 use landmarks::Landmarks;
 use merging::Merger;
 use rejuvenation::Rejuvenation;
@@ -87,6 +95,20 @@ pub struct StepInfo {
     pub rejuvenated: bool,
     /// Whether the poses are samples now; without sightings FastSLAM 2.0 waits.
     pub sampled: bool,
+    /// Number of particles after the step.
+    pub particles: u32,
+    /// Sightings that the best particle took for landmarks of its map.
+    pub matched: u32,
+    /// Landmark covariances that lost definiteness and were repaired, over all particles.
+    pub repaired: u32,
+    /// Mean normalised innovation squared per sighting over the sliding window; 2 is expected, 0 before the first.
+    pub nis: f64,
+    /// What holds 95 % of such means when the noise is right.
+    pub nis_band: [f64; 2],
+    /// How the configured noise contradicts the sliding window.
+    pub noise_warnings: NoiseWarnings,
+    /// Whether the estimate can be believed.
+    pub health: Health,
 }
 
 /// Sightings that could not be used, by reason.
@@ -131,6 +153,8 @@ pub struct FastSlam<M = RangeBearing> {
     particles: Particles,
     /// Motion since the last sampling of the poses, the same for all particles (FastSLAM 2.0).
     pending: MotionGaussian,
+    /// Motion since the last scan where the poses are sampled at once (FastSLAM 1.0); only the noise check needs it.
+    sampled_motion: MotionGaussian,
     controls: u64,
     samplings: u64,
     steps: u64,
@@ -157,6 +181,12 @@ pub struct FastSlam<M = RangeBearing> {
     log_likelihood: Vec<f64>,
     estimate: PoseEstimate,
     scratch: Vec<f64>,
+    /// Whether all this can be believed.
+    watch: Watch,
+    /// What the sliding window said of the noise when it was last looked at.
+    noise_report: NoiseReport,
+    /// Landmarks of the map that the scan should have shown, where that was looked at.
+    map_in_view: Option<health::MapInView>,
 }
 
 impl FastSlam {
@@ -195,6 +225,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             workers: workers(config.filter.threads)?,
             particles: Particles::at(start, particles),
             pending: MotionGaussian::default(),
+            sampled_motion: MotionGaussian::default(),
             controls: 0,
             samplings: 0,
             steps: 0,
@@ -212,6 +243,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             scratch: Vec::new(),
+            watch: Watch::new(config.health, View::of(&config)),
+            noise_report: NoiseReport::default(),
+            map_in_view: None,
             identities,
             model,
             rules,
@@ -234,6 +268,9 @@ impl<M: MeasurementModel> FastSlam<M> {
                 let stream = self.random.stream(Purpose::Motion, self.controls);
                 let Particles { x, y, heading, .. } = &mut self.particles;
                 self.config.motion.sample(control, dt_s, stream, PoseColumns { first_particle: 0, x, y, heading });
+                if self.examines() {
+                    self.sampled_motion = self.config.motion.extend(&self.sampled_motion, control, dt_s);
+                }
             }
             _ => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
         }
@@ -262,6 +299,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 None => rounds.push(vec![sighting]),
             }
         }
+        let births_before = self.landmarks.births();
         info.sampled = !self.keeps_motion_pending(&rounds[0]);
         for round in &rounds {
             self.process(round, &mut info)?;
@@ -275,6 +313,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
         }
         info.landmarks = self.particles.landmarks[self.particles.best()];
+        self.judge_health(stamp_s, births_before, &mut info);
         self.steps += 1;
         Ok(info)
     }
@@ -289,8 +328,14 @@ impl<M: MeasurementModel> FastSlam<M> {
                 self.estimate_beliefs();
                 Ok(())
             }
-            (Algorithm::Fastslam1, Identities::All) => self.step_identified_1(scan, info),
-            (Algorithm::Fastslam2, Identities::All) => self.step_identified_2(scan, info),
+            (algorithm, Identities::All) => {
+                self.examine_identified(scan);
+                if algorithm == Algorithm::Fastslam1 {
+                    self.step_identified_1(scan, info)
+                } else {
+                    self.step_identified_2(scan, info)
+                }
+            }
             _ => self.step_associating(scan, info),
         }
     }
@@ -322,12 +367,47 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         let stream = self.random.stream(Purpose::Resampling, self.samplings);
         resampling::resample(settings.scheme, &self.weights.values, count, stream, &mut self.ancestor_indices);
+        let most = self.config.filter.particles as usize;
+        let enough = self.config.filter.adaptive.count(&self.particles, &self.ancestor_indices, most);
+        if enough != count {
+            resampling::resample(settings.scheme, &self.weights.values, enough, stream, &mut self.ancestor_indices);
+        }
         self.particles.resample(&self.ancestor_indices);
+        self.log_likelihood.resize(enough, 0.0);
         self.landmarks.resample(&self.ancestor_indices);
         self.path.resample(&self.ancestor_indices);
         self.resample_history();
         info.resampled = true;
         true
+    }
+
+    /// Gives the verdict on a step.
+    fn judge_health(&mut self, stamp_s: f64, births_before: u64, info: &mut StepInfo) {
+        info.particles = self.particles.len() as u32;
+        info.matched = self.watch.matches() as u32;
+        if self.watch.noise.is_report_due() {
+            self.noise_report = self.watch.noise.of_window();
+        }
+        if info.sightings > 0 {
+            self.sampled_motion = MotionGaussian::default();
+        }
+        (info.nis, info.nis_band) = (self.noise_report.nis, self.noise_report.band);
+        info.noise_warnings = self.noise_report.warnings;
+        let vitals = Vitals {
+            stamp_s,
+            particles: self.particles.len(),
+            effective_sample_size: info.effective_sample_size,
+            pose: self.estimate,
+            births_before,
+            map_in_view: self.map_in_view.take(),
+        };
+        let model = &self.model;
+        info.health = self.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
+    }
+
+    /// What the innovations of the whole run say of the configured noise.
+    pub fn noise_report(&self) -> NoiseReport {
+        self.watch.noise.of_run()
     }
 
     /// Mean and covariance of the pose, motion since the last sampling included.

@@ -23,6 +23,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let mut table = std::mem::take(&mut self.table);
         self.find_candidates(scan, &mut table);
         let mut decisions = self.decide(scan, &table, info);
+        self.examine_decided(scan, &decisions, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.landmarks.births();
         self.founded.clear();
@@ -95,18 +96,18 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// Normalises the weights, estimates the pose, resamples if needed, and samples the poses from the beliefs.
     ///
     /// `decisions` (an equal share per particle) follow the ancestors like everything else.
-    pub(super) fn weigh_resample_sample(&mut self, decisions: &mut [Decision], info: &mut StepInfo) -> Result<()> {
+    pub(super) fn weigh_resample_sample(&mut self, decisions: &mut Vec<Decision>, info: &mut StepInfo) -> Result<()> {
         let before = self.weights.log_mean;
         self.weights_now()?;
         info.log_likelihood += self.weights.log_mean - before;
         self.estimate_from_beliefs();
         if self.resample_if_needed(info) {
             self.restart_weights();
-            self.beliefs.resample(&self.ancestor_indices);
             let share = decisions.len() / self.beliefs.len();
-            let old = decisions.to_vec();
-            for (i, &a) in self.ancestor_indices.iter().enumerate() {
-                decisions[i * share..(i + 1) * share].copy_from_slice(&old[a as usize * share..][..share]);
+            self.beliefs.resample(&self.ancestor_indices);
+            let old = std::mem::take(decisions);
+            for &a in &self.ancestor_indices {
+                decisions.extend_from_slice(&old[a as usize * share..][..share]);
             }
         }
         self.sample_poses();
@@ -196,7 +197,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                     let column = rows.column(column::IDENTITY);
                     (0..mask.len()).filter(|i| mask[*i]).for_each(|i| column[i] = mark);
                 }
-                correct_rows(model, poses, sighting.measured, rows, Some(&mask), log_likelihood);
+                info.repaired += correct_rows(model, poses, sighting.measured, rows, Some(&mask), log_likelihood);
             });
             if let Some(identity) = sighting.identity {
                 self.landmarks.mark_identity(slot, identity);

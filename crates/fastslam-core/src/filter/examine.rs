@@ -1,0 +1,272 @@
+//! Looks at some scans before the filter uses them: what it predicted of their sightings, and what came.
+
+use super::health::MapInView;
+use super::innovations::{PredictedScan, JOINT_MAX};
+use super::scan::ScanSighting;
+use super::FastSlam;
+use crate::association::{by_robot_pose, Belief, Box2, CandidateTable, Decision};
+use crate::config::Algorithm;
+use crate::geometry::{Matrix3, Symmetric2};
+use crate::landmark::{column, gaussian_in, innovation_covariance, Gaussian, Measured};
+use crate::measurement::MeasurementModel;
+
+/// One step in so many is examined.
+///
+/// **Why:** an examination costs as much as about a hundred sightings of a particle, and neighbouring scans tell the
+/// same story.
+const EVERY: u64 = 4;
+/// Particles that stand for all; evenly spaced, so that they come from different ancestors.
+const SUBSET: usize = 16;
+/// A landmark seen less often than this may be clutter, of which nobody expects to see it again.
+const SIGHTINGS_TO_COUNT: f64 = 3.0;
+
+/// What one particle predicts of the sightings of a scan.
+struct Prediction {
+    weight: f64,
+    scan: PredictedScan,
+}
+
+impl<M: MeasurementModel> FastSlam<M> {
+    /// Whether this step is to be examined.
+    pub(super) fn examines(&self) -> bool {
+        self.steps.is_multiple_of(EVERY)
+    }
+
+    /// Examines a scan whose identities are all known.
+    pub(super) fn examine_identified(&mut self, scan: &[ScanSighting]) {
+        let known: Vec<(u32, &ScanSighting)> =
+            scan.iter().filter_map(|sighting| Some((self.known_slot(sighting)?, sighting))).collect();
+        let births = known.iter().map(|(slot, sighting)| (sighting.measured.value, self.landmarks.birth(*slot)));
+        self.watch.matched(births, scan.len());
+        if !self.examines() || known.is_empty() {
+            return;
+        }
+        let particles = self.subset();
+        let mut pairs = Vec::with_capacity(JOINT_MAX);
+        for place in spread(known.len(), self.steps) {
+            let (slot, sighting) = known[place];
+            let rows = self.landmarks.read(slot);
+            pairs.push((sighting.measured, particles.iter().map(|i| gaussian_in(&rows, *i)).collect()));
+        }
+        self.examine(&particles, &pairs);
+    }
+
+    /// Examines a scan after the particles decided what it shows, before anything else changed.
+    pub(super) fn examine_decided(&mut self, scan: &[ScanSighting], decisions: &[Decision], table: &CandidateTable) {
+        let of = |particle: usize| &decisions[particle * scan.len()..(particle + 1) * scan.len()];
+        let best = of(self.particles.best());
+        let known: Vec<(usize, u32)> = best
+            .iter()
+            .enumerate()
+            .filter_map(|(j, decision)| match decision {
+                Decision::Landmark(candidate) => Some((j, *candidate)),
+                _ => None,
+            })
+            .collect();
+        let births = known
+            .iter()
+            .map(|(j, candidate)| (scan[*j].measured.value, self.landmarks.birth(table.slots[*candidate as usize])));
+        self.watch.matched(births, scan.len());
+        if !self.examines() || scan.is_empty() {
+            return;
+        }
+        self.look_at_map(known.iter().map(|(_, candidate)| table.slots[*candidate as usize]).collect());
+        if known.is_empty() {
+            return;
+        }
+        let chosen: Vec<(usize, u32)> = spread(known.len(), self.steps).map(|place| known[place]).collect();
+        let mut particles = self.subset();
+        particles.retain(|i| chosen.iter().all(|(j, candidate)| of(*i)[*j] == Decision::Landmark(*candidate)));
+        let pairs: Vec<(Measured, Vec<Option<Gaussian>>)> = chosen
+            .iter()
+            .map(|(j, candidate)| {
+                (scan[*j].measured, particles.iter().map(|i| table.gaussian(*candidate, *i)).collect())
+            })
+            .collect();
+        self.examine(&particles, &pairs);
+    }
+
+    /// Counts the landmarks of the best particle's map that the scan should have shown, and those that it did.
+    fn look_at_map(&mut self, sighted: Vec<u32>) {
+        let best = self.particles.best();
+        let (view, pose) = (self.watch.view(), self.beliefs.get(best).mean);
+        let sensor = pose.compose(self.T_robot_sensor);
+        let mut region = Box2::EMPTY;
+        region.include([sensor.x, sensor.y], view.far_m);
+        let mut slots = Vec::new();
+        self.landmarks.find(&region, &mut slots);
+        let mut row = vec![0.0; self.landmarks.columns()];
+        let mut in_view = MapInView::default();
+        for slot in slots {
+            if !self.landmarks.read_row(slot, best, &mut row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
+                continue;
+            }
+            if view.contains(pose, [row[column::MEAN_X], row[column::MEAN_Y]]) {
+                in_view.expected += 1;
+                in_view.sighted += u32::from(sighted.contains(&slot));
+            }
+        }
+        self.map_in_view = Some(in_view);
+    }
+
+    /// Some particles, evenly spaced.
+    fn subset(&self) -> Vec<usize> {
+        let count = self.particles.len();
+        let size = count.min(SUBSET);
+        (0..size).map(|k| k * count / size).collect()
+    }
+
+    /// Scores sightings (value and noise) of landmarks, given as each particle of the subset has them.
+    fn examine(&mut self, particles: &[usize], pairs: &[(Measured, Vec<Option<Gaussian>>)]) {
+        let predictions: Vec<Prediction> =
+            particles.iter().enumerate().filter_map(|(row, i)| self.prediction(*i, row, pairs)).collect();
+        if let Some(score) = mixture(&predictions).and_then(|scan| scan.score()) {
+            self.watch.noise.add(&score);
+        }
+    }
+
+    /// What one particle predicts; `None` where it lacks a landmark or has no weight.
+    fn prediction(
+        &self,
+        particle: usize,
+        row: usize,
+        pairs: &[(Measured, Vec<Option<Gaussian>>)],
+    ) -> Option<Prediction> {
+        let weight = self.weights.values[particle];
+        let pose = self.particles.pose(particle);
+        let belief = match self.config.algorithm {
+            Algorithm::Fastslam1 => Belief { mean: pose, covariance: [[0.0; 3]; 3] },
+            _ => Belief {
+                mean: pose.compose(self.pending.mean),
+                covariance: self.pending.covariance_in_world(pose.heading),
+            },
+        };
+        let sensor = belief.mean.compose(self.T_robot_sensor);
+        let mut scan = PredictedScan { size: 2 * pairs.len(), ..PredictedScan::default() };
+        for (j, (measured, landmarks)) in pairs.iter().enumerate() {
+            let landmark = landmarks[row]?;
+            let linear = self.model.linearize(sensor, landmark.mean);
+            let rows = by_robot_pose(linear.by_pose, belief.mean, sensor);
+            let innovation = self.model.innovation(measured.value, linear.expected);
+            let q = innovation_covariance(linear.by_landmark, landmark.covariance, measured.noise);
+            let Symmetric2 { xx, xy, yy } = q;
+            let block = [[xx, xy], [xy, yy]];
+            for c in 0..2 {
+                scan.by_pose[2 * j + c] = rows[c];
+                scan.innovation[2 * j + c] = innovation[c];
+                scan.covariance[2 * j + c][2 * j..2 * j + 2].copy_from_slice(&block[c]);
+            }
+            (scan.noise[2 * j], scan.noise[2 * j + 1]) = (measured.noise.xx, measured.noise.yy);
+        }
+        match self.config.algorithm {
+            // The spread of the particles holds what their motion added.
+            Algorithm::Fastslam1 => {
+                let start = pose.heading - self.sampled_motion.mean.heading;
+                scan.note_motion(&self.sampled_motion.covariance_in_world(start));
+            }
+            _ => {
+                scan.note_motion(&belief.covariance);
+                scan.add_motion();
+            }
+        }
+        (weight > 0.0).then_some(Prediction { weight, scan })
+    }
+}
+
+impl PredictedScan {
+    /// Notes what a motion with this covariance adds: G P Gᵀ.
+    fn note_motion(&mut self, covariance: &Matrix3) {
+        for i in 0..self.size {
+            let row: [f64; 3] = std::array::from_fn(|k| (0..3).map(|l| self.by_pose[i][l] * covariance[l][k]).sum());
+            for j in 0..self.size {
+                self.motion[i][j] = (0..3).map(|k| row[k] * self.by_pose[j][k]).sum();
+            }
+        }
+    }
+
+    /// Adds it to the covariance.
+    fn add_motion(&mut self) {
+        for i in 0..self.size {
+            (0..self.size).for_each(|j| self.covariance[i][j] += self.motion[i][j]);
+        }
+    }
+}
+
+/// The prediction of all particles together: mean innovation; covariance within plus between them.
+///
+/// **Why:** one particle's own covariance is too small: its pose is a sample. The spread of n particles is n / (n − 1)
+/// times that of their sample, and their mean is itself uncertain by an n-th of it.
+fn mixture(predictions: &[Prediction]) -> Option<PredictedScan> {
+    let total: f64 = predictions.iter().map(|p| p.weight).sum();
+    let first = predictions.first()?;
+    let size = first.scan.size;
+    let PredictedScan { noise, by_pose, .. } = first.scan;
+    let mut mixed = PredictedScan { size, noise, by_pose, ..PredictedScan::default() };
+    let mut concentration = 0.0;
+    for Prediction { weight, scan } in predictions {
+        let share = weight / total;
+        concentration += share * share;
+        for i in 0..size {
+            mixed.innovation[i] += share * scan.innovation[i];
+            for j in 0..size {
+                mixed.covariance[i][j] += share * scan.covariance[i][j];
+                mixed.motion[i][j] += share * scan.motion[i][j];
+            }
+        }
+    }
+    if concentration < 1.0 - 1e-9 {
+        let inflation = (1.0 + concentration) / (1.0 - concentration) / total;
+        for Prediction { weight, scan } in predictions {
+            let d: [f64; 2 * JOINT_MAX] = std::array::from_fn(|i| scan.innovation[i] - mixed.innovation[i]);
+            for i in 0..size {
+                for j in 0..size {
+                    mixed.covariance[i][j] += inflation * weight * d[i] * d[j];
+                }
+            }
+        }
+    }
+    Some(mixed)
+}
+
+/// Up to [`JOINT_MAX`] of `count` places, evenly spaced; another first one at every examination.
+fn spread(count: usize, step: u64) -> impl Iterator<Item = usize> {
+    let size = count.min(JOINT_MAX);
+    let first = (step / EVERY) as usize % count;
+    (0..size).map(move |k| (first + k * count / size) % count)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_are_different_and_take_turns() {
+        let mut seen = [0; 7];
+        for step in (0..28 * EVERY).step_by(EVERY as usize) {
+            let places: Vec<usize> = spread(7, step).collect();
+            let mut unique = places.clone();
+            unique.sort_unstable();
+            unique.dedup();
+            assert_eq!((places.len(), unique.len()), (JOINT_MAX, JOINT_MAX));
+            places.iter().for_each(|place| seen[*place] += 1);
+        }
+        assert_eq!(seen, [16; 7]);
+        assert_eq!(spread(2, 8).collect::<Vec<_>>(), vec![0, 1]);
+    }
+
+    #[test]
+    fn the_mixture_adds_between_to_within_without_bias() {
+        let prediction = |innovation: f64| {
+            let mut scan = PredictedScan { size: 2, ..PredictedScan::default() };
+            scan.innovation[0] = innovation;
+            scan.covariance[0][0] = 0.5;
+            scan.covariance[1][1] = 1.0;
+            Prediction { weight: 0.2, scan }
+        };
+        let mixed = mixture(&[prediction(1.0), prediction(3.0)]).unwrap();
+        // Mean 2; sample variance with n - 1 is 2, and the mean is uncertain by half of that.
+        assert!((mixed.innovation[0] - 2.0).abs() < 1e-12);
+        assert!((mixed.covariance[0][0] - (0.5 + 2.0 + 1.0)).abs() < 1e-12, "{}", mixed.covariance[0][0]);
+        assert_eq!(mixture(&[prediction(1.0)]).unwrap().covariance[0][0], 0.5);
+    }
+}

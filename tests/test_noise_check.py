@@ -1,0 +1,85 @@
+"""Innovations that contradict the configured noise are reported, with the noise and the direction."""
+
+from __future__ import annotations
+
+import fastslam
+import pytest
+from fastslam import FastSlam
+from fastslam.config import merge
+from fastslam.log import Log
+from fastslam.simulation import resolve_simulation, simulate
+
+
+def loop(scan_period_s: float = 0.2) -> Log:
+    settings = {"seed": 2, "max_duration_s": 240.0, "scan": {"period_s": scan_period_s}}
+    return simulate(resolve_simulation(settings, preset="loop"))
+
+
+def warnings(log: Log, *layers: dict[str, object]) -> tuple[str, ...]:
+    return fastslam.run(log, merge({"seed": 1, "filter": {"particles": 50}}, *layers)).warnings
+
+
+@pytest.mark.parametrize("association", ["known", "unknown"])
+@pytest.mark.parametrize("algorithm", ["fastslam1", "fastslam2", "ekf"])
+def test_right_noise_is_not_complained_about(algorithm: str, association: str) -> None:
+    settings = {"algorithm": algorithm, "association": {"mode": association}}
+    result = fastslam.run(loop(), {**settings, "seed": 1, "filter": {"particles": 50}})
+    assert result.warnings == ()
+    # Depletion and the gates move the mean a little: 2.0 is exact for neither.
+    assert result.noise["sightings"] > 500 and 1.7 < result.noise["nis"] < 2.4
+
+
+@pytest.mark.parametrize("algorithm", ["fastslam1", "fastslam2"])
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (
+            {"sensor": {"range_std_m": 0.04}},
+            ("range innovations", "sensor.range_std_m", "raise it to about 0."),
+        ),
+        (
+            {"sensor": {"range_std_m": 0.2}},
+            ("range innovations", "sensor.range_std_m", "lower it to about 0."),
+        ),
+        ({"sensor": {"bearing_std_rad": 0.006}}, ("bearing innovations", "bearing_std_rad", "raise it")),
+        ({"sensor": {"bearing_std_rad": 0.06}}, ("bearing innovations", "bearing_std_rad", "lower it")),
+        (
+            {"motion": {"speed_std_m_per_s": 1.0, "yaw_rate_std_rad_per_s": 0.5}},
+            ("the odometry is off", "`motion`", "lower its standard deviations"),
+        ),
+    ],
+)
+def test_the_noise_that_is_wrong_is_named_with_its_direction(
+    settings: dict[str, object], words: tuple[str, ...], algorithm: str
+) -> None:
+    found = warnings(loop(), settings, {"algorithm": algorithm})
+    blamed = [warning for warning in found if words[0] in warning]
+    assert len(blamed) == 1, found
+    assert all(word in blamed[0] for word in words), blamed
+    assert "NIS" in blamed[0] and "band" in blamed[0]
+
+
+def test_odometry_that_is_worse_than_its_noise_is_blamed_on_it() -> None:
+    # Scans 1 s apart: at 5 Hz the motion between two scans is so certain that its noise hardly shows. Only
+    # FastSLAM 2.0: the particles of 1.0 cannot follow, the map goes wrong, and every noise looks too small.
+    found = warnings(loop(1.0), {"motion": {"speed_std_m_per_s": 0.03, "yaw_rate_std_rad_per_s": 0.015}})
+    assert any("the odometry is off" in text and "raise its standard deviations" in text for text in found), (
+        found
+    )
+
+
+def test_the_suggested_value_is_near_the_true_one() -> None:
+    for configured in (0.05, 0.2):
+        result = fastslam.run(loop(), {"sensor": {"range_std_m": configured}, "filter": {"particles": 50}})
+        factor, low, high = result.noise["range_std_factor"]
+        # One step of scoring from half or twice the truth errs by less than 15 %.
+        assert abs(configured * factor / 0.1 - 1.0) < 0.15, (configured, factor, low, high)
+
+
+def test_steps_carry_the_warning_once_the_window_is_full_enough() -> None:
+    filter_ = FastSlam({"filter": {"particles": 20}, "sensor": {"range_std_m": 2.0, "bearing_std_rad": 0.01}})
+    seen = {"bearing_rad": [0.3, -0.5, 1.0, 2.0], "identity": ["a", "b", "c", "d"]}
+    infos = [filter_.step([0.0, 0.0], dt_s=0.2, range_m=[4.0, 5.0, 6.0, 7.0], **seen) for _ in range(300)]
+    assert infos[20].warnings == ()
+    assert any("lower it" in warning and "sensor.range_std_m" in warning for warning in infos[-1].warnings)
+    assert infos[-1].nis < infos[-1].nis_band[0] < 2.0 < infos[-1].nis_band[1]
