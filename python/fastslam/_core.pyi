@@ -59,8 +59,14 @@ def detect(
     ranges_m: Ranges,
     intensities: Ranges | None = None,
     twists: Floats | None = None,
-) -> dict[str, Any]:
-    """Finds landmarks in scans; returns columns by name. ValueError for a geometry that makes no sense."""
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Finds landmarks in scans; returns columns by name, of detections and of the pieces of the scans.
+
+    ValueError for a geometry that makes no sense.
+    """
+
+def verdicts() -> list[str]:
+    """What may become of a piece of a scan, by number."""
 
 def scan_arena(
     rocks: Floats,

@@ -71,24 +71,51 @@ impl History {
 
     /// A scan was explained: `choice_of(particle, sighting)` is the birth of a landmark, or [`NO_LANDMARK`].
     pub fn explained(&mut self, scan: impl Iterator<Item = Measured>, choice_of: impl Fn(usize, usize) -> u32) {
-        let first_sighting = self.sightings.len() as u32;
-        self.sightings.extend(scan);
-        let count = self.sightings.len() as u32 - first_sighting;
-        if count == 0 {
-            return;
-        }
+        let (first_sighting, count) = self.remember(scan);
         self.known.clear();
-        for (particle, tip) in self.tips.iter_mut().enumerate() {
+        for particle in 0..self.tips.len() {
             let choices: Vec<u32> = (0..count as usize).map(|j| choice_of(particle, j)).collect();
-            let (explanations, flat) = (&mut self.explanations, &mut self.choices);
-            let step = self.motions.len() as u32;
-            *tip = *self.known.entry((*tip, choices)).or_insert_with_key(|(previous, choices)| {
-                let first_choice = flat.len() as u32;
-                flat.extend_from_slice(choices);
-                explanations.push(Explanation { previous: *previous, step, first_sighting, first_choice, count });
-                explanations.len() as u32 - 1
-            });
+            let key = (self.tips[particle], choices);
+            self.tips[particle] = match self.known.get(&key) {
+                Some(known) => *known,
+                None => {
+                    let new = self.explain(key.0, first_sighting, &key.1);
+                    self.known.insert(key, new);
+                    new
+                }
+            };
         }
+    }
+
+    /// A scan was explained by all particles in the same way.
+    pub fn explained_alike(&mut self, scan: impl Iterator<Item = Measured>, choices: &[u32]) {
+        let (first_sighting, _) = self.remember(scan);
+        let mut latest: Option<(u32, u32)> = None;
+        for particle in 0..self.tips.len() {
+            let previous = self.tips[particle];
+            // Particles that always decide alike share one past.
+            let new = match latest {
+                Some((of, new)) if of == previous => new,
+                _ => self.explain(previous, first_sighting, choices),
+            };
+            latest = Some((previous, new));
+            self.tips[particle] = new;
+        }
+    }
+
+    /// Adds sightings; returns the first and how many.
+    fn remember(&mut self, scan: impl Iterator<Item = Measured>) -> (u32, u32) {
+        let first = self.sightings.len() as u32;
+        self.sightings.extend(scan);
+        (first, self.sightings.len() as u32 - first)
+    }
+
+    fn explain(&mut self, previous: u32, first_sighting: u32, choices: &[u32]) -> u32 {
+        let (step, first_choice) = (self.motions.len() as u32, self.choices.len() as u32);
+        self.choices.extend_from_slice(choices);
+        let count = choices.len() as u32;
+        self.explanations.push(Explanation { previous, step, first_sighting, first_choice, count });
+        self.explanations.len() as u32 - 1
     }
 
     /// Particle i takes over the past of the former particle `ancestor_indices[i]`.
@@ -169,7 +196,7 @@ mod tests {
         history.step_done();
         assert_eq!(history.explanations.len(), 2);
         history.resample(&[2, 0, 0]);
-        history.explained([3.0].map(measured).into_iter(), |_, _| 7);
+        history.explained_alike([3.0].map(measured).into_iter(), &[7]);
         history.step_done();
         let births = |particle| history.seen_by(particle).iter().map(|s| (s.birth, s.step)).collect::<Vec<_>>();
         assert_eq!(births(0), vec![(0, 0), (7, 1)]);

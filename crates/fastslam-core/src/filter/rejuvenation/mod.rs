@@ -61,7 +61,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             slot.map_or(NO_LANDMARK, |slot| self.landmarks.birth(*slot) as u32)
         };
         let births: Vec<u32> = scan.iter().map(birth).collect();
-        rejuvenation.history.explained(scan.iter().map(|s| s.measured), |_, j| births[j]);
+        rejuvenation.history.explained_alike(scan.iter().map(|s| s.measured), &births);
         self.rejuvenation = Some(rejuvenation);
     }
 

@@ -1,0 +1,178 @@
+"""Measures the error against the number of particles for FastSLAM 1.0, 2.0, and 2.0 that draws paths anew.
+
+    python experiments/particles/run.py [--seeds 5] [--particles 1 3 10 30 100 300 1000] [--workers N]
+        [--out docs]
+
+Identities are given. The real logs are read from the folder that the environment variable FASTSLAM_DATA names
+(default: `../shared/data`). With `--out` it writes `particles.md` and `images/particles.png` there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import fastslam
+import numpy as np
+from fastslam.config import merge
+from fastslam.datasets import load
+from fastslam.evaluation import evaluate
+from fastslam.log import Log
+from fastslam.plots import style
+from fastslam.resultfiles import write_atomically
+from fastslam.simulation import resolve_simulation, simulate
+from matplotlib.figure import Figure
+
+PLAIN: dict[str, Any] = {"filter": {"rejuvenation": {"every_steps": 0}}}
+FILTERS: dict[str, dict[str, Any]] = {
+    "FastSLAM 1.0": merge(PLAIN, {"algorithm": "fastslam1"}),
+    "FastSLAM 2.0": merge(PLAIN, {"algorithm": "fastslam2"}),
+    "2.0, paths drawn anew": {"algorithm": "fastslam2"},
+}
+COLORS = dict(zip(FILTERS, (style.LANDMARK, style.LIVE, style.GOOD), strict=True))
+SIMULATED_ANEW = {"filter": {"rejuvenation": {"every_steps": 20, "growth": 0.02}}}
+"""Simulated logs bring no settings for it, the real ones do."""
+
+
+@dataclass(frozen=True)
+class World:
+    """A group of logs that make one panel; every run's number is the map error, metres."""
+
+    title: str
+    logs: tuple[Callable[[int], Log], ...]
+    simulated: bool
+
+
+def worlds(data: Path) -> Iterator[World]:
+    """The panels."""
+    yield World("Lost in the Woods", (partial(_real, data / "lost_in_the_woods"),), simulated=False)
+    robots = [(number, robot) for number in (1, 2, 6) for robot in range(1, 6)]
+    yield World(
+        "UTIAS 1, 2, 6 (median of 15 robots)",
+        tuple(partial(_real, data / f"utias_mrclam/MRCLAM_Dataset{n}", robot=robot) for n, robot in robots),
+        simulated=False,
+    )
+    for preset in ("demo", "loop"):
+        yield World(f"simulated {preset}", (partial(_simulated, preset),), simulated=True)
+
+
+def _real(path: Path, _seed: int, robot: int | None = None) -> Log:
+    return load(path) if robot is None else load(path, robot=robot)
+
+
+def _simulated(preset: str, seed: int) -> Log:
+    return simulate(resolve_simulation({"seed": seed, "max_duration_s": 120.0}, preset=preset))
+
+
+def map_error_m(world: World, filter_name: str, particles: int, seed: int) -> float:
+    """Median over the logs of a world."""
+    anew = SIMULATED_ANEW if world.simulated and filter_name not in list(FILTERS)[:2] else {}
+    settings = merge(anew, FILTERS[filter_name], {"seed": seed, "filter": {"particles": particles}})
+    errors = [
+        evaluate(fastslam.run(log, settings), log)["landmark_rmse_m"] for log in (f(seed) for f in world.logs)
+    ]
+    return float(np.median(errors))
+
+
+Table = dict[tuple[str, str, int], list[float]]
+"""Map errors over the seeds by world, filter and particles."""
+
+
+def measure(panels: Sequence[World], counts: Sequence[int], seeds: int, workers: int | None) -> Table:
+    """All runs, on all cores."""
+    with ProcessPoolExecutor(workers) as pool:
+        waiting = {
+            (world.title, name, count): [
+                pool.submit(map_error_m, world, name, count, seed) for seed in range(1, seeds + 1)
+            ]
+            for world in panels
+            for name in FILTERS
+            for count in counts
+        }
+        return {key: [found.result() for found in runs] for key, runs in waiting.items()}
+
+
+def draw(table: Table, panels: Sequence[World], counts: Sequence[int]) -> Figure:
+    """One panel per world: medians as lines, least to largest as bands."""
+    with style.house_style():
+        figure = style.new_figure(9.0, 6.4)
+        for axis, world in zip(figure.subplots(2, 2).flat, panels, strict=True):
+            for name, color in COLORS.items():
+                runs = np.array([table[world.title, name, count] for count in counts])
+                axis.plot(
+                    counts, np.median(runs, axis=1), color=color, marker="o", markersize=3.5, label=name
+                )
+                axis.fill_between(
+                    counts, runs.min(axis=1), runs.max(axis=1), color=color, alpha=0.15, linewidth=0
+                )
+            axis.set(
+                xscale="log", yscale="log", xlabel="particles", ylabel="map error [m]", title=world.title
+            )
+            style.plain_log_ticks(axis.xaxis)
+            style.plain_log_ticks(axis.yaxis)
+        figure.axes[0].legend()
+        return figure
+
+
+def markdown(table: Table, panels: Sequence[World], counts: Sequence[int], seeds: int) -> str:
+    """The page."""
+    lines = [
+        f"Medians over seeds 1 to {seeds}, worst in brackets; metres after rigid alignment; "
+        f"fastslam {fastslam.__version__}.",
+        "",
+        "| world | filter | " + " | ".join(f"{count} particles" for count in counts) + " |",
+        "|---|---" + "|---" * len(counts) + "|",
+    ]
+    for world in panels:
+        for name in FILTERS:
+            cells = [table[world.title, name, count] for count in counts]
+            numbers = " | ".join(f"{np.median(runs):.3f} ({max(runs):.3f})" for runs in cells)
+            lines.append(f"| {world.title} | {name} | {numbers} |")
+    return PAGE.format(table="\n".join(lines))
+
+
+PAGE = """# Error against the number of particles
+
+Made by `python experiments/particles/run.py --out docs`; identities given. "Paths drawn anew" is
+[`filter.rejuvenation`](rejuvenation.md), with the real logs' own settings and every 20 steps in the simulated
+worlds (120 s each).
+
+![Map error against the number of particles](images/particles.png)
+
+{table}
+"""
+
+
+def main() -> None:
+    """Measures, then prints or writes."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--particles", type=int, nargs="+", default=[1, 3, 10, 30, 100, 300, 1000])
+    parser.add_argument("--workers", type=int)
+    parser.add_argument(
+        "--out", type=Path, help="folder of the documentation; without it the page is printed"
+    )
+    options = parser.parse_args()
+    data = Path(os.environ.get("FASTSLAM_DATA", "../shared/data"))
+    if not data.is_dir():
+        parser.error(f"nothing to measure: {data} is no folder")
+    panels = list(worlds(data))
+    table = measure(panels, options.particles, options.seeds, options.workers)
+    page = markdown(table, panels, options.particles, options.seeds)
+    if options.out is None:
+        print(page)
+        return
+    write_atomically(options.out / "particles.md", page)
+    draw(table, panels, options.particles).savefig(options.out / "images" / "particles.png")
+
+
+if __name__ == "__main__":
+    main()
