@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -109,3 +110,61 @@ def test_explain_lists_every_setting() -> None:
     assert len(SCHEMA.keys) > 30
     for info in SCHEMA.keys:
         assert info.name in outcome.stdout
+
+
+def test_a_rover_with_a_laser_maps_its_rocks_from_raw_scans(tmp_path: Path) -> None:
+    """Simulate, detect, associate, map: the whole way with the commands a user would type."""
+    folder, out = tmp_path / "rover", tmp_path / "out"
+    outcome = fastslam("simulate", folder, "--preset", "rover", "--seed", 1, "--set", "trajectory.laps=1")
+    assert outcome.exit_code == 0 and "laser scans among 31 rocks" in outcome.stdout, outcome.stderr
+    assert (folder / "scans.npz").is_file() and not (folder / "sightings.csv").exists()
+    options = ("--particles", 10, "--seed", 1, "--no-report", "--out", out)
+    assert fastslam("run", folder, *options).exit_code == 0
+    metrics = json.loads((out / "metrics.json").read_text())
+    # Of 8 worlds, two laps: all rocks found, one false or double landmark in one, 3 to 8 mm on the map.
+    assert metrics["landmark_recall"] >= 0.96
+    assert metrics["landmark_precision"] >= 0.96
+    assert metrics["landmark_rmse_m"] <= 0.012
+    assert metrics["ate_rmse_m"] <= 0.02
+
+
+def test_a_simulated_laser_sees_the_rocks_and_walls_where_they_are() -> None:
+    settings = {"seed": 2, "scan": {"laser": {"range_std_m": 0.0, "dropout_probability": 0.0}}}
+    log = simulate(resolve_simulation(settings, {"max_duration_s": 20.0}, preset="rover"))
+    assert log.scans is not None and log.truth_landmarks is not None and log.truth_trajectory is not None
+    assert len(log.sightings.stamp_s) == 0 and log.identity_names == ()
+    assert log.scans.ranges_m.shape == (41, 361)
+    row = np.searchsorted(log.truth_trajectory.stamp_s, log.scans.stamp_s - 1e-9)
+    pose = log.truth_trajectory.T_world_robot[row]
+    angle = log.scans.geometry.first_angle_rad + log.scans.geometry.angle_step_rad * np.arange(361)
+    heading = pose[:, 2, None] + angle
+    hit_x = pose[:, 0, None] + log.scans.ranges_m * np.cos(heading)
+    hit_y = pose[:, 1, None] + log.scans.ranges_m * np.sin(heading)
+    hit = np.isfinite(log.scans.ranges_m)
+    points = np.column_stack([hit_x[hit], hit_y[hit]])
+    offset = points[:, None] - log.truth_landmarks.position_m
+    nearest_m = np.hypot(offset[..., 0], offset[..., 1]).min(axis=1)
+    on_rock = nearest_m < 0.4 + 1e-9
+    # No echo comes from within a rock, and those that are of no rock are of the walls.
+    assert nearest_m.min() >= 0.1 - 1e-9 and 500 < on_rock.sum() < 0.9 * len(points)
+    open_field = simulate(
+        resolve_simulation(
+            settings, {"max_duration_s": 20.0, "scan": {"laser": {"wall_margin_m": None}}}, preset="rover"
+        )
+    )
+    assert open_field.scans is not None
+    assert np.isfinite(open_field.scans.ranges_m).sum() == on_rock.sum()
+
+
+@pytest.mark.parametrize(
+    ("setting", "key"),
+    [
+        ("angle_step_rad=0", "angle_step_rad"),
+        ("radius_m=[0.5, 0.1]", "radius_m"),
+        ("dropout_probability=2", "dropout_probability"),
+        ("clearance_m=-1", "clearance_m"),
+    ],
+)
+def test_a_laser_out_of_range_is_one_line(tmp_path: Path, setting: str, key: str) -> None:
+    outcome = fastslam("simulate", tmp_path / "log", "--preset", "rover", "--set", f"scan.laser.{setting}")
+    outcome.assert_one_line_error(exit_code=2, contains=f"scan.laser.{key}")

@@ -16,8 +16,12 @@ PARAMETERS = ("range_scale", "range_bias_m", "mounting.x_m", "mounting.y_m", "mo
 TAIL_DEGREES_OF_FREEDOM = 4.0
 """Of the Student-t distribution that weighs the sightings: outliers hardly count."""
 SURVEY_STD_M = 0.005
-LEAST_REDUNDANCY = 0.3
+LEAST_REDUNDANCY = 0.5
 PROBES = 3
+BLOCKS = 10
+"""Stretches of time of a log whose errors are taken for independent of each other."""
+SETTLED = 0.05
+"""A step of the parameters this small, in standard errors, ends the iteration."""
 GAUSSIAN_MAD = 1.4826
 """Standard deviations in a median absolute deviation."""
 
@@ -51,47 +55,117 @@ class Batch:
 
 @dataclass(frozen=True)
 class Solution:
-    """The solved problem and the covariance of its parameters (5, 5)."""
+    """The solved problem, the covariance of its parameters (5, 5), and how the iteration ended.
+
+    `noise_known` (2,) says whether residuals tell the noise of ranges and of bearings: where the path follows
+    them half the way or more, they do not.
+    """
 
     batch: Batch
     covariance: Floats
+    noise_known: Any
+    converged: bool
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Normal equations of a step over (poses, landmarks, parameters), and the whitened rows they come from.
+
+    The rows of sightings come first, range and bearing of each in turn, then those of the odometry.
+    """
+
+    matrix: Any
+    rhs: Floats
+    rows: Any
+    residuals: Floats
 
 
 def solve_batch(batch: Batch, *, most_iterations: int = 40) -> Solution:
-    """Gauss-Newton with Student-t weights; the noise of the sensor is estimated along the way."""
-    first, random = batch.parameters, np.random.default_rng(0)
+    """Gauss-Newton with Student-t weights; the noise of the sensor is estimated along the way.
+
+    It ends when the parameters move by less than SETTLED standard errors and the noise by less than 1 %:
+    poses of a stretch with little to hold them go on moving without a say in either.
+    """
+    first, converged = batch, False
+    known = np.array([True, True])
     for _ in range(most_iterations):
         residuals, jacobian = _sightings(batch)
-        weights = _weights(batch, residuals)
-        matrix, rhs, seen = _normal_equations(batch, residuals, jacobian, weights, first)
-        # In this order, poses along the path first, nothing fills in but the border of landmarks.
-        factor = splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-        step = factor.solve(rhs)
+        equations = _normal_equations(
+            batch, residuals, jacobian, _weights(batch, residuals)[0], first.parameters
+        )
+        factor = _factor(equations.matrix)
+        step = factor.solve(equations.rhs)
         step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-12))
-        noisier = _with_noise(batch, residuals, _redundancy(factor, seen, random))
-        settled = abs(noisier.bearing_std_rad / batch.bearing_std_rad - 1) < 0.02
+        redundancy = _redundancy(factor, equations.rows[: 2 * len(batch.pose)])
+        known &= redundancy > LEAST_REDUNDANCY
+        noisier = _with_noise(batch, residuals, np.where(known, redundancy, np.nan))
+        noise = np.log(
+            [noisier.range_std_m / batch.range_std_m, noisier.bearing_std_rad / batch.bearing_std_rad]
+        )
         batch = _moved(noisier, step)
-        if settled and float(np.abs(step).max()) < 1e-3:
+        error = np.sqrt(np.diag(_last_columns(factor, len(step))[-len(PARAMETERS) :]))
+        if np.all(np.abs(step[-len(PARAMETERS) :]) < SETTLED * error) and np.all(np.abs(noise) < 0.01):
+            converged = True
             break
-    unit = np.zeros((matrix.shape[0], len(PARAMETERS)))
+    return Solution(batch, _covariance(batch, first.parameters), known, converged)
+
+
+def _factor(matrix: Any) -> Any:
+    # In this order, poses along the path first, nothing fills in but the border of landmarks.
+    return splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+def _last_columns(factor: Any, size: int) -> Floats:
+    """The columns of the inverse that belong to the parameters (size, 5)."""
+    unit = np.zeros((size, len(PARAMETERS)))
     unit[-len(PARAMETERS) :] = np.eye(len(PARAMETERS))
-    covariance = factor.solve(unit)[-len(PARAMETERS) :]
-    return Solution(batch, covariance)
+    columns: Floats = factor.solve(unit)
+    return columns
 
 
-def _weights(batch: Batch, residuals: Floats) -> Floats:
+def _covariance(batch: Batch, first_parameters: Floats) -> Floats:
+    """Of the parameters, from how much stretches of the log disagree: errors may repeat within a stretch.
+
+    The sandwich of a robust estimator, its scores summed over BLOCKS stretches of time (Huber 1967; Liang and
+    Zeger 1986). Residuals are enlarged by the share of the noise that the fit has followed. Never less than
+    what independent errors would give.
+    """
+    residuals, jacobian = _sightings(batch)
+    weights, curvature = _weights(batch, residuals)
+    scores = _normal_equations(batch, residuals, jacobian, weights, first_parameters)
+    factor = _factor(_normal_equations(batch, residuals, jacobian, curvature, first_parameters).matrix)
+    columns = _last_columns(factor, scores.matrix.shape[0])
+    sightings = 2 * len(batch.pose)
+    share = np.ones(len(scores.residuals))
+    share[:sightings] = np.tile(
+        np.maximum(_redundancy(factor, scores.rows[:sightings]), 0.1), len(batch.pose)
+    )
+    influence = (scores.rows @ columns) * (scores.residuals / np.sqrt(share))[:, None]
+    pose = np.concatenate([np.repeat(batch.pose, 2), np.repeat(np.arange(len(batch.poses) - 1), 3)])
+    block = pose * BLOCKS // len(batch.poses)
+    sums = np.column_stack([np.bincount(block, column, minlength=BLOCKS) for column in influence.T])
+    independent, clustered = columns[-len(PARAMETERS) :], sums.T @ sums * (BLOCKS / (BLOCKS - 1))
+    ratio = np.sqrt(np.maximum(np.diag(clustered) / np.diag(independent), 1.0))
+    covariance: Floats = independent * ratio[:, None] * ratio
+    return covariance
+
+
+def _weights(batch: Batch, residuals: Floats) -> tuple[Floats, Floats]:
+    """Weight of each sighting (S,), and the mean derivative of its weighted residual (S,), which is less."""
     squared = (residuals[:, 0] / batch.range_std_m) ** 2 + (residuals[:, 1] / batch.bearing_std_rad) ** 2
-    weights: Floats = (TAIL_DEGREES_OF_FREEDOM + 2) / (TAIL_DEGREES_OF_FREEDOM + squared)
-    return np.minimum(weights, 1.0)
+    tail = TAIL_DEGREES_OF_FREEDOM + squared
+    weights: Floats = np.minimum((TAIL_DEGREES_OF_FREEDOM + 2) / tail, 1.0)
+    return weights, np.where(weights < 1.0, weights * TAIL_DEGREES_OF_FREEDOM / tail, 1.0)
 
 
-def _redundancy(factor: Any, seen: Any, random: np.random.Generator) -> Floats:
+def _redundancy(factor: Any, seen: Any) -> Floats:
     """Share of the noise of ranges and of bearings that stays in the residuals (2,).
 
     The rest is followed by poses and landmarks: the trace of the hat matrix, estimated with random signs
-    (Hutchinson's estimator). Without it noise that a loose odometry follows would be estimated as zero.
+    (Hutchinson's estimator), the same ones every time so that the estimate can settle. Without it noise that
+    a loose odometry follows would be estimated as zero.
     """
-    shares = np.zeros(2)
+    shares, random = np.zeros(2), np.random.default_rng(0)
     for probe in range(2 * PROBES):
         kind = probe % 2
         signs = np.zeros(seen.shape[0])
@@ -104,15 +178,14 @@ def _redundancy(factor: Any, seen: Any, random: np.random.Generator) -> Floats:
 def _with_noise(batch: Batch, residuals: Floats, redundancy: Floats) -> Batch:
     """Noise from the middle of the residuals; changes are bounded so that a bad start cannot run away.
 
-    Noise that poses and landmarks follow nearly all the way is left as it is: nothing would stop its fall.
+    Noise that poses and landmarks have begun to follow (redundancy NaN) stays as it is: nothing would stop
+    its fall.
     """
+    now = np.array([batch.range_std_m, batch.bearing_std_rad])
     spread = GAUSSIAN_MAD * np.median(np.abs(residuals), axis=0) / np.sqrt(redundancy)
-    spread = np.where(redundancy > LEAST_REDUNDANCY, spread, [batch.range_std_m, batch.bearing_std_rad])
-    return replace(
-        batch,
-        range_std_m=float(np.clip(spread[0], 0.7 * batch.range_std_m, 1.4 * batch.range_std_m)),
-        bearing_std_rad=float(np.clip(spread[1], 0.7 * batch.bearing_std_rad, 1.4 * batch.bearing_std_rad)),
-    )
+    bounded = np.clip(spread, 0.7 * now, 1.4 * now)
+    range_std_m, bearing_std_rad = np.where(np.isnan(redundancy), now, bounded).tolist()
+    return replace(batch, range_std_m=range_std_m, bearing_std_rad=bearing_std_rad)
 
 
 def _sightings(batch: Batch) -> tuple[Floats, tuple[Floats, Floats, Floats]]:
@@ -165,8 +238,7 @@ def _normal_equations(
     derivatives: tuple[Floats, Floats, Floats],
     weights: Floats,
     first_parameters: Floats,
-) -> tuple[Any, Floats, Any]:
-    """Matrix and right-hand side of the step (poses, landmarks, parameters), and the sightings' Jacobian."""
+) -> _Equations:
     poses, landmarks = len(batch.poses), len(batch.landmarks_m)
     at_landmark, at_parameters = 3 * poses, 3 * poses + 2 * landmarks
     size = at_parameters + len(PARAMETERS)
@@ -186,7 +258,7 @@ def _normal_equations(
     stacked = sparse.vstack([seen, moved]).tocsr()
     values = np.concatenate([(residuals * whiten).ravel(), np.einsum("kij,kj->ki", root, error).ravel()])
     matrix = (stacked.T @ stacked + sparse.diags(pull)).tocsc()
-    return matrix, -stacked.T @ values + pull * target, seen
+    return _Equations(matrix, -stacked.T @ values + pull * target, stacked, values)
 
 
 def _priors(batch: Batch, first_parameters: Floats, size: int) -> tuple[Floats, Floats]:

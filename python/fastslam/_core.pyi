@@ -43,6 +43,8 @@ def run(
     identity: Ints,
     noise: Floats | None = None,
     progress: Callable[[int, int], None] | None = None,
+    class_index: Ints | None = None,
+    signature: Floats | None = None,
 ) -> dict[str, Any]:
     """Runs the filter over a log. ValueError for a bad log, RuntimeError when the filter cannot go on."""
 
@@ -59,8 +61,14 @@ def detect(
     ranges_m: Ranges,
     intensities: Ranges | None = None,
     twists: Floats | None = None,
-) -> dict[str, Any]:
-    """Finds landmarks in scans; returns columns by name. ValueError for a geometry that makes no sense."""
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Finds landmarks in scans; returns columns by name, of detections and of the pieces of the scans.
+
+    ValueError for a geometry that makes no sense.
+    """
+
+def verdicts() -> list[str]:
+    """What may become of a piece of a scan, by number."""
 
 def scan_arena(
     rocks: Floats,
@@ -86,6 +94,8 @@ class Filter:
         bearing_rad: Floats,
         identity: Ints,
         noise: Floats | None = None,
+        class_index: Ints | None = None,
+        signature: Floats | None = None,
     ) -> dict[str, Any]: ...
     def pose(self) -> tuple[Floats, Floats]: ...
     def particles(self) -> tuple[Floats, Floats]: ...

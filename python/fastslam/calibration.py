@@ -14,8 +14,9 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.stats import t as student_t
 
-from ._batch import PARAMETERS, Batch, Solution, solve_batch
+from ._batch import BLOCKS, PARAMETERS, Batch, Solution, solve_batch
 from .config import Config, merge
 from .detection import robot_twists, with_sightings
 from .errors import ConfigError, DataError
@@ -30,6 +31,10 @@ RANGE_PARAMETERS = ("range_scale", "range_bias_m")
 PRIOR_STD = (0.1, 0.5, 1.0, 1.0, 0.5)
 """How far the parameters may be expected from the configured ones, in the order of PARAMETERS."""
 SIGNIFICANT = 3.0
+LEAST_GAIN = 0.25
+"""A parameter is observable when its standard error is less than this share of what was assumed of it."""
+INTERVAL_STD_ERRORS = float(student_t.ppf(0.975, BLOCKS - 1))
+"""Half the width of a 95 % interval: the standard error is itself estimated, from so many blocks."""
 LEAST_SIGHTINGS = 100
 LEAST_PER_LANDMARK = 3
 ASSOCIATION_REACH_M = 1.0
@@ -41,7 +46,8 @@ LEAST_MOTION_STD = np.array([1e-3, 1e-3, 1e-4])
 class Parameter:
     """One estimated value: dotted key below `sensor`, unit, value before and after, standard error.
 
-    `standard_error` is NaN for the noise, which the residuals give without one.
+    `standard_error` is NaN for the noise, which the residuals give without one. `observable` is False where
+    the log says hardly more than was assumed, such as of a mounting on a straight path.
     """
 
     key: str
@@ -49,11 +55,18 @@ class Parameter:
     configured: float
     value: float
     standard_error: float
+    observable: bool = True
+
+    @property
+    def interval95(self) -> tuple[float, float]:
+        """The interval that holds the true value in 95 % of logs."""
+        half = INTERVAL_STD_ERRORS * self.standard_error
+        return self.value - half, self.value + half
 
     @property
     def significant(self) -> bool:
-        """Whether it differs from what is configured by more than chance: SIGNIFICANT standard errors."""
-        return abs(self.value - self.configured) > SIGNIFICANT * self.standard_error
+        """Whether it is observable and SIGNIFICANT standard errors or more from the configured value."""
+        return self.observable and abs(self.value - self.configured) > SIGNIFICANT * self.standard_error
 
 
 @dataclass(frozen=True)
@@ -63,6 +76,7 @@ class Calibration:
     parameters: tuple[Parameter, ...]
     settings: dict[str, Any]
     """Partial configuration, to lay over that of the log."""
+    converged: bool
     sightings: int
     landmarks: int
 
@@ -94,9 +108,10 @@ def calibrate(
 def _batch(log: Log, config: Config, result: RunResult, reference: Reference) -> Batch:
     sightings, sensor = log.sightings, config["sensor"]
     usable = np.isfinite(sightings.range_m) & np.isfinite(sightings.bearing_rad)
-    usable &= (sightings.range_m > sensor["min_range_m"]) & (sightings.range_m < sensor["max_range_m"])
+    usable &= sightings.range_m > 0
     rows = np.flatnonzero(usable & (sightings.stamp_s <= result.smoothed.stamp_s[-1]))
     landmark = _landmarks(log, config, result, rows)
+    rows, landmark = _within_range(sensor, result, sightings.stamp_s, rows, landmark)
     counts = np.bincount(landmark[landmark >= 0], minlength=len(result.landmarks.ids))
     known = (landmark >= 0) & (counts[landmark] >= LEAST_PER_LANDMARK)
     rows, landmark = rows[known], landmark[known]
@@ -127,6 +142,23 @@ def _batch(log: Log, config: Config, result: RunResult, reference: Reference) ->
         range_std_m=sensor["range_std_m"],
         bearing_std_rad=sensor["bearing_std_rad"],
     )
+
+
+def _within_range(
+    sensor: dict[str, Any], result: RunResult, stamp_s: Floats, rows: Ints, landmark: Ints
+) -> tuple[Ints, Ints]:
+    """The sightings whose landmark lies within the sensor's limits on the map of the run.
+
+    Limits on the ranges themselves would keep those that err towards the sensor: the scale would shrink.
+    """
+    pose, mounting = _path_at(result, stamp_s[rows]), sensor["mounting"]
+    cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+    sensor_x = pose[:, 0] + cosine * mounting["x_m"] - sine * mounting["y_m"]
+    sensor_y = pose[:, 1] + sine * mounting["x_m"] + cosine * mounting["y_m"]
+    offset = result.landmarks.mean_m[landmark] - np.column_stack([sensor_x, sensor_y])
+    distance = np.hypot(*offset.T)
+    kept = (landmark >= 0) & (distance > sensor["min_range_m"]) & (distance < sensor["max_range_m"])
+    return rows[kept], landmark[kept]
 
 
 def _configured(config: Config) -> Floats:
@@ -254,22 +286,28 @@ def _calibration(config: Config, batch: Batch, solution: Solution, *, noise: boo
     error = np.sqrt(np.diag(solution.covariance))
     units = ("m/m", "m", "m", "m", "rad")
     parameters = [
-        Parameter(key, unit, float(before), float(after), float(std))
-        for key, unit, before, after, std, free in zip(
-            PARAMETERS, units, batch.parameters, found.parameters, error, batch.free, strict=True
+        Parameter(key, unit, float(before), float(after), float(std), bool(std < LEAST_GAIN * prior))
+        for key, unit, before, after, std, prior, free in zip(
+            PARAMETERS,
+            units,
+            batch.parameters,
+            found.parameters,
+            error,
+            batch.prior_std,
+            batch.free,
+            strict=True,
         )
         if free
     ]
-    sensor = config["sensor"]
-    for key, unit, value in (
-        ("range_std_m", "m", found.range_std_m),
-        ("bearing_std_rad", "rad", found.bearing_std_rad),
-    ):
-        parameters.append(Parameter(key, unit, sensor[key], value, float("nan")))
-    written = [p for p in parameters if p.significant or (noise and p.key not in PARAMETERS)]
+    sensor, nan = config["sensor"], float("nan")
+    noises = (("range_std_m", "m", found.range_std_m), ("bearing_std_rad", "rad", found.bearing_std_rad))
+    for (key, unit, value), known in zip(noises, solution.noise_known, strict=True):
+        parameters.append(Parameter(key, unit, sensor[key], value, nan, bool(known)))
+    written = [p for p in parameters if p.significant or (noise and p.observable and p.key not in PARAMETERS)]
     return Calibration(
         parameters=tuple(parameters),
         settings=merge(*({"sensor": _nested(p.key, p.value)} for p in written)),
+        converged=solution.converged,
         sightings=len(found.pose),
         landmarks=len(found.landmarks_m),
     )

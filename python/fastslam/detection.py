@@ -37,6 +37,24 @@ class Detections:
     last_beam: Ints
 
 
+@dataclass(frozen=True)
+class Pieces:
+    """What the scans were cut into, in the order of scans and beams, and what became of each piece.
+
+    Shapes: all (P,). A piece spans the beams from `first_beam` to `last_beam`, over the seam of a full turn
+    where the last is below the first; beams without an echo lie within. `verdict` indexes VERDICTS.
+    """
+
+    scan_index: Ints
+    first_beam: Ints
+    last_beam: Ints
+    verdict: Ints
+
+
+VERDICTS: tuple[str, ...] = tuple(_core.verdicts())
+"""Why a piece of a scan is a landmark, which is the first, or why not."""
+
+
 def configure_detector(*layers: Layer) -> Settings:
     """Detector settings: `layers` over the defaults, later ones winning. Errors: ConfigError."""
     return SCHEMA.resolve(*layers)
@@ -49,11 +67,18 @@ def find(scans: Scans, config: Layer | None = None, *, twists: Floats | None = N
     own frame; it corrects the motion within a scan where the geometry has a `beam_period_s`. Errors:
     ConfigError, DataError for scans whose shapes or geometry make no sense.
     """
+    return explain(scans, config, twists=twists)[0]
+
+
+def explain(
+    scans: Scans, config: Layer | None = None, *, twists: Floats | None = None
+) -> tuple[Detections, Pieces]:
+    """The same as `find`, with what the scans were cut into and why each piece is a landmark or is not."""
     settings = configure_detector(config or {})
     if scans.ranges_m.ndim != 2:
         raise DataError(f"scans: got ranges_m of shape {scans.ranges_m.shape}, expected (N, B)")
     try:
-        columns = _core.detect(
+        found, pieces = _core.detect(
             settings.to_json(),
             json.dumps(asdict(scans.geometry)),
             scans.stamp_s,
@@ -63,7 +88,7 @@ def find(scans: Scans, config: Layer | None = None, *, twists: Floats | None = N
         )
     except (ValueError, TypeError) as error:
         raise DataError(f"scans: {error}") from None
-    return Detections(**columns)
+    return Detections(**found), Pieces(**pieces)
 
 
 def detect(log: Log, config: Layer | None = None) -> Log:

@@ -103,22 +103,33 @@ class FastSlam:
         bearing_rad: ArrayLike,
         identity: Sequence[Identity] | None = None,
         covariance: ArrayLike | None = None,
+        class_index: ArrayLike | None = None,
+        signature: ArrayLike | None = None,
     ) -> StepInfo:
         """Corrects with the sightings of one scan, in the sensor's frame; none at all is a scan too.
 
         Shapes: all (S,); `covariance` (S, 3) is that of each range and bearing as (m², m·rad, rad²), NaN
-        where the sensor's own noise holds. Errors: `DataError` for columns of different lengths, a stamp
-        before the last one, or an identity that is neither name nor number; `NumericalError` when the filter
-        cannot go on.
+        where the sensor's own noise holds. `class_index` (-1: none) and `signature` (NaN: none) count where
+        `association.classes` and `association.signatures` are configured. Errors: `DataError` for columns of
+        different lengths, a stamp before the last one, or an identity that is neither name nor number;
+        `NumericalError` when the filter cannot go on.
         """
         if not (np.isfinite(stamp_s) and stamp_s >= self._updated_s):
             raise DataError(f"stamp_s: got {stamp_s}, expected a finite time not before {self._updated_s}")
         ranges = np.atleast_1d(np.asarray(range_m, dtype=np.float64))
         bearings = np.atleast_1d(np.asarray(bearing_rad, dtype=np.float64))
         noise = None if covariance is None else np.asarray(covariance, dtype=np.float64).reshape(-1, 3)
+        classes = None if class_index is None else np.atleast_1d(np.asarray(class_index, dtype=np.int64))
+        signatures = None if signature is None else np.atleast_1d(np.asarray(signature, dtype=np.float64))
         with _core_errors():
             columns = self._filter.update(
-                stamp_s, ranges, bearings, self._indices(identity, len(ranges)), noise
+                stamp_s,
+                ranges,
+                bearings,
+                self._indices(identity, len(ranges)),
+                noise,
+                classes,
+                signatures,
             )
         self._stamp_s = self._updated_s = stamp_s
         columns["health"] = status_name(columns["health"])
@@ -188,8 +199,12 @@ def _name(identity: Identity) -> str | None:
     raise DataError(f"identity: got {identity!r}, expected a name, a number from 0, or None for unknown")
 
 
-def landmark_map(columns: dict[str, np.ndarray], identity_names: tuple[str, ...]) -> LandmarkMap:
+def landmark_map(
+    columns: dict[str, np.ndarray], identity_names: tuple[str, ...], class_names: tuple[str, ...] = ()
+) -> LandmarkMap:
     """A map of the core, its identities replaced by their names."""
+    has_class = bool((columns["class_index"] >= 0).any())
+    has_signature = bool(np.isfinite(columns["signature"]).any())
     return LandmarkMap(
         ids=tuple(
             f"L{birth}" if identity < 0 else identity_names[identity]
@@ -198,6 +213,10 @@ def landmark_map(columns: dict[str, np.ndarray], identity_names: tuple[str, ...]
         mean_m=columns["mean_m"],
         covariance_m2=columns["covariance_m2"],
         sightings=columns["sightings"],
+        confirmed=columns["confirmed"],
+        class_index=columns["class_index"] if has_class else None,
+        signature=columns["signature"] if has_signature else None,
+        class_names=class_names if has_class else (),
     )
 
 

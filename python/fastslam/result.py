@@ -23,16 +23,29 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class LandmarkMap:
-    """Estimated landmarks. Shapes: `ids` (K), `mean_m` (K, 2), `covariance_m2` (K, 2, 2), `sightings` (K,).
+    """Estimated landmarks. Shapes: `ids` (K), `mean_m` (K, 2), `covariance_m2` (K, 2, 2), the others (K,).
 
     `ids` are identity names where those are known, else `L<birth number>`. The covariance is that of the
-    mixture over the particles that hold the landmark.
+    mixture over the particles that hold the landmark. `confirmed` is False for landmarks that are provisional
+    (None: nobody says). `class_index` indexes `class_names` (-1: none) and `signature` is NaN where unknown;
+    both are None where the run used none.
     """
 
     ids: tuple[str, ...]
     mean_m: Floats
     covariance_m2: Floats
     sightings: Ints
+    confirmed: Bools | None = None
+    class_index: Ints | None = None
+    signature: Floats | None = None
+    class_names: tuple[str, ...] = ()
+
+    def class_name(self, row: int) -> str:
+        """The class of one landmark; empty where it has none."""
+        index = -1 if self.class_index is None else int(self.class_index[row])
+        if index < 0:
+            return ""
+        return self.class_names[index] if index < len(self.class_names) else str(index)
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,10 @@ METRICS_FILE = "metrics.json"
 CONFIG_FILE = "config.yaml"
 STEPS_FILE = "steps.csv"
 
-LANDMARK_COLUMNS = ("id", "x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "sightings")
+PLACE_COLUMNS = ("id", "x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "sightings")
+"""What the landmarks of older results have."""
+LANDMARK_COLUMNS = (*PLACE_COLUMNS, "confirmed", "class", "signature")
+"""Of these the last two are empty where nothing is known."""
 STEP_COLUMNS: dict[str, type] = {
     # Every column of `Steps` in the order of the file; `str`: named in the file, coded in memory.
     "stamp_s": float,
@@ -244,13 +247,22 @@ def _quoted(cell: str) -> str:
 
 
 def _landmarks_csv(landmarks: LandmarkMap) -> str:
+    places = zip(landmarks.ids, landmarks.mean_m, landmarks.covariance_m2, landmarks.sightings, strict=True)
     rows = (
-        (name, *(f"{value:.9g}" for value in (*mean, cov[0, 0], cov[0, 1], cov[1, 1])), str(int(seen)))
-        for name, mean, cov, seen in zip(
-            landmarks.ids, landmarks.mean_m, landmarks.covariance_m2, landmarks.sightings, strict=True
+        (
+            *(name, *(f"{value:.9g}" for value in (*mean, cov[0, 0], cov[0, 1], cov[1, 1])), str(int(seen))),
+            "" if landmarks.confirmed is None else str(int(landmarks.confirmed[row])),
+            landmarks.class_name(row),
+            _signature_cell(landmarks, row),
         )
+        for row, (name, mean, cov, seen) in enumerate(places)
     )
     return _csv(LANDMARK_COLUMNS, rows)
+
+
+def _signature_cell(landmarks: LandmarkMap, row: int) -> str:
+    value = math.nan if landmarks.signature is None else float(landmarks.signature[row])
+    return f"{value:.9g}" if math.isfinite(value) else ""
 
 
 def _steps_csv(steps: Steps) -> str:
@@ -329,10 +341,14 @@ def _read_tum(path: Path) -> Trajectory:
     return Trajectory(table[:, 0], np.column_stack([table[:, 1:3], heading]))
 
 
-def _read_table(path: Path, columns: Sequence[str]) -> list[tuple[int, list[str]]]:
-    """Line numbers and cells of a CSV file with exactly this header."""
+def _read_table(
+    path: Path, columns: Sequence[str], *, older: Sequence[str] = ()
+) -> list[tuple[int, list[str]]]:
+    """Line numbers and cells of a CSV file with exactly this header, or an older, shorter one."""
     reader = csv.reader(io.StringIO(_read_text(path), newline=""))
     header = next(reader, [])
+    if older and header == list(older):
+        columns = older
     if header != list(columns):
         raise DataError(f"expected the header {','.join(columns)}, got {','.join(header)}", path, 1)
     rows = []
@@ -352,14 +368,34 @@ def _number(cell: str, kind: Callable[[str], Any], path: Path, line: int) -> Any
 
 
 def _read_landmarks(path: Path) -> LandmarkMap:
-    rows = _read_table(path, LANDMARK_COLUMNS)
-    numbers = [[_number(cell, float, path, line) for cell in row[1:]] for line, row in rows]
+    rows = _read_table(path, LANDMARK_COLUMNS, older=PLACE_COLUMNS)
+    places = len(PLACE_COLUMNS)
+    numbers = [[_number(cell, float, path, line) for cell in row[1:places]] for line, row in rows]
     table = np.array(numbers, dtype=float).reshape(-1, 6)
+    more = [row[places:] for _, row in rows]
+    confirmed = [
+        int(_number(cells[0], int, path, line))
+        for cells, (line, _) in zip(more, rows, strict=True)
+        if any(cells[:1])
+    ]
+    names = tuple(sorted({cells[1] for cells in more if any(cells[1:2])}))
+    signatures = [
+        _number(cells[2], float, path, line) if any(cells[2:]) else math.nan
+        for cells, (line, _) in zip(more, rows, strict=True)
+    ]
     return LandmarkMap(
         ids=tuple(row[0] for _, row in rows),
         mean_m=table[:, :2],
         covariance_m2=table[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
         sightings=table[:, 5].astype(np.int64),
+        confirmed=np.array(confirmed, dtype=np.bool_) if rows and len(confirmed) == len(rows) else None,
+        class_index=np.array(
+            [names.index(cells[1]) if any(cells[1:2]) else -1 for cells in more], dtype=np.int64
+        )
+        if names
+        else None,
+        signature=np.array(signatures) if np.isfinite(signatures).any() else None,
+        class_names=names,
     )
 
 

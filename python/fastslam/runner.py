@@ -72,6 +72,8 @@ def run(
             sightings.identity,
             noise=sightings.covariance,
             progress=progress,
+            class_index=sightings.class_index,
+            signature=sightings.signature,
         )
     except ValueError as error:
         raise DataError(str(error), log.source) from None
@@ -112,7 +114,7 @@ def _result(columns: dict[str, Any], log: Log, config: Config) -> RunResult:
         version=_core.__version__ + debug,
         trajectory=Trajectory(columns["stamp_s"], columns["T_world_robot"], columns["covariance"]),
         smoothed=Trajectory(columns["smoothed_stamp_s"], columns["smoothed_T_world_robot"]),
-        landmarks=landmark_map(columns["map"], log.identity_names),
+        landmarks=landmark_map(columns["map"], log.identity_names, log.class_names),
         steps=Steps(**{field.name: columns[field.name] for field in fields(Steps)}),
         filter_seconds=columns["filter_seconds"],
         peak_memory_bytes=peak_memory_bytes(),

@@ -8,11 +8,14 @@ from typing import Any
 
 from . import _core
 from .errors import ConfigError
-from .log import Controls, Log, Sightings, TruthLandmarks, TruthTrajectory
+from .log import BeamGeometry, Controls, Log, Scans, Sightings, TruthLandmarks, TruthTrajectory
 from .settings import Layer, Schema, Settings
 
 SCHEMA = Schema(_core.simulation_schema, _core.resolve_simulation, explained_by="fastslam simulate --explain")
 """The settings of a simulation."""
+
+LEAST_RANGE_STD_M = 1e-3
+"""The detector's noise of a perfect laser."""
 
 
 @cache
@@ -55,6 +58,7 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
         columns = _core.simulate(complete.to_json())
     except ValueError as error:
         raise ConfigError(str(error)) from None
+    scans = _scans(columns, complete)
     names = tuple(str(index) for index in range(len(columns["landmark_position_m"])))
     x_m, y_m, heading_rad = columns["T_world_robot"][0].tolist()
     return Log(
@@ -63,15 +67,31 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
         format="native",
         controls=Controls(columns["control_stamp_s"], columns["controls"]),
         sightings=_sightings(columns),
-        identity_names=names,
+        # The scans of a laser say nothing of who is who.
+        identity_names=names if scans is None else (),
         class_names=tuple(columns["class_names"]),
         truth_trajectory=TruthTrajectory(columns["truth_stamp_s"], columns["T_world_robot"]),
         truth_landmarks=TruthLandmarks(names, columns["landmark_position_m"]),
+        scans=scans,
         config={
             "motion": json.loads(columns["motion"]),
             "sensor": json.loads(columns["sensor"]),
             "initial_pose": {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad},
         },
+    )
+
+
+def _scans(columns: dict[str, Any], settings: Settings) -> Scans | None:
+    """The scans with the mounting and the noise of the simulated laser; None where there are sightings."""
+    if "scan_stamp_s" not in columns:
+        return None
+    mounting, laser = settings["sensor"]["mounting"], settings["scan"]["laser"]
+    return Scans(
+        stamp_s=columns["scan_stamp_s"],
+        ranges_m=columns["scan_ranges_m"],
+        geometry=BeamGeometry(**json.loads(columns["scan_geometry"])),
+        mounting=(mounting["x_m"], mounting["y_m"], mounting["yaw_rad"]),
+        detector={"kind": "trunks", "trunks": {"range_std_m": max(laser["range_std_m"], LEAST_RANGE_STD_M)}},
     )
 
 

@@ -1,6 +1,9 @@
 //! The one configuration schema. Python and the command line read it from here.
 
+use crate::association::validate_below;
+pub use crate::association::{Classes, ExistenceForm, Merging, MergingRule, Method, Signatures};
 use crate::error::{finite, positive, Error, Result};
+use crate::filter::Sighting;
 use crate::geometry::Pose;
 use crate::measurement::Sensor;
 use crate::motion::Motion;
@@ -217,6 +220,8 @@ pub enum AssociationMode {
 pub struct AssociationConfig {
     /// Whether to use the identities in the log.
     pub mode: AssociationMode,
+    /// How a particle chooses between the explanations of its sightings.
+    pub method: Method,
     /// A sighting belongs to its likeliest landmark if it falls into the region that holds this probability; 1 switches
     /// the test off, as in the original paper.
     pub gate_probability: f64,
@@ -226,6 +231,19 @@ pub struct AssociationConfig {
     /// Likelihood below which a sighting is a new landmark [1/(m·rad)] (the paper's p₀). Without it, the density at the
     /// outer gate of a landmark as uncertain as one sighting.
     pub new_landmark_density: Option<f64>,
+    /// Density of false sightings [1/(m·rad)]: those expected in a scan over the sensor's range times its field of
+    /// view. With it, a sighting that no landmark explains founds a landmark whose odds of existing are
+    /// `new_landmark_density` over this.
+    pub clutter_density: Option<f64>,
+    /// Probability that a landmark in view is sighted. With it, a particle whose map holds landmarks in view that were
+    /// not sighted loses weight.
+    pub detection_probability: Option<f64>,
+    /// Classes that the detector reports. Without it they are not used.
+    pub classes: Option<Classes>,
+    /// The signature that the detector measures. Without it none is used.
+    pub signatures: Option<Signatures>,
+    /// When two landmarks of one map become one.
+    pub merging: Merging,
     /// What one landmark may explain in one scan.
     pub exclusion: Exclusion,
     /// In which order the sightings of a scan are decided.
@@ -234,20 +252,29 @@ pub struct AssociationConfig {
     pub existence: ExistenceConfig,
 }
 
-/// How landmarks that should be seen and are not disappear: log-odds of existence, counted per particle.
+/// The life of landmarks: log-odds of existence, kept per particle, and when a landmark counts as confirmed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ExistenceConfig {
     /// Whether landmarks are ever removed.
     pub removal: Removal,
-    /// Log-odds of a landmark at its first sighting.
+    /// How the log-odds change.
+    pub form: ExistenceForm,
+    /// Log-odds of a landmark at its first sighting; `bayes` starts at
+    /// ln(`new_landmark_density` / `clutter_density`) instead.
     pub initial_log_odds: f64,
-    /// Added by every sighting.
+    /// Added by every sighting (`counted`).
     pub sighted_log_odds: f64,
-    /// Taken away by every scan in which the landmark is in view and not sighted.
+    /// Taken away by every scan in which the landmark is in view and not sighted (`counted`).
     pub missed_log_odds: f64,
-    /// Below this a landmark is removed.
+    /// Below this a landmark is removed. `bayes` removes it as far below its own beginning as this lies below
+    /// `initial_log_odds`.
     pub lowest_log_odds: f64,
+    /// A landmark is provisional until it was sighted so often. Provisional landmarks are marked in the map and are
+    /// no part of its evaluation.
+    pub confirmed_sightings: u32,
+    /// With `bayes`, a landmark is provisional below this as well.
+    pub confirmed_log_odds: f64,
     /// More than this is not counted, so that a landmark that was taken away can still disappear.
     pub highest_log_odds: f64,
     /// In view is only what is nearer than this fraction of the sensor's range.
@@ -272,10 +299,13 @@ impl Default for ExistenceConfig {
     fn default() -> Self {
         Self {
             removal: Removal::default(),
+            form: ExistenceForm::default(),
             initial_log_odds: 1.0,
             sighted_log_odds: 1.0,
             missed_log_odds: 0.3,
             lowest_log_odds: -0.5,
+            confirmed_sightings: 5,
+            confirmed_log_odds: 3.0,
             highest_log_odds: 20.0,
             range_fraction: 0.8,
             view_fraction: 0.9,
@@ -309,9 +339,15 @@ impl Default for AssociationConfig {
     fn default() -> Self {
         Self {
             mode: AssociationMode::Known,
+            method: Method::default(),
             gate_probability: 0.99,
             new_landmark_gate_probability: 0.999_99,
             new_landmark_density: None,
+            clutter_density: None,
+            detection_probability: None,
+            classes: None,
+            signatures: None,
+            merging: Merging::default(),
             exclusion: Exclusion::default(),
             order: AssociationOrder::default(),
             existence: ExistenceConfig::default(),
@@ -345,6 +381,9 @@ impl Config {
         self.motion.validate()?;
         self.sensor.validate()?;
         self.association.validate().map_err(|e| e.within("association"))?;
+        if self.algorithm == Algorithm::Ekf {
+            self.association.validate_for_ekf().map_err(|e| e.within("association"))?;
+        }
         for (key, value) in [
             ("initial_pose.x_m", self.initial_pose.x_m),
             ("initial_pose.y_m", self.initial_pose.y_m),
@@ -419,7 +458,61 @@ impl AssociationConfig {
         if let Some(density) = self.new_landmark_density {
             positive("new_landmark_density", density)?;
         }
+        validate_below("clutter_density", self.clutter_density, f64::INFINITY)?;
+        validate_below("detection_probability", self.detection_probability, 1.0)?;
+        self.classes.as_ref().map_or(Ok(()), Classes::validate).map_err(|e| e.within("classes"))?;
+        self.signatures.as_ref().map_or(Ok(()), Signatures::validate).map_err(|e| e.within("signatures"))?;
+        self.merging.validate().map_err(|e| e.within("merging"))?;
+        if self.existence.form == ExistenceForm::Bayes {
+            for (key, value) in
+                [("detection_probability", self.detection_probability), ("clutter_density", self.clutter_density)]
+            {
+                if value.is_none() {
+                    return Err(Error::parameter(key, "nothing", "a number, which existence.form bayes needs"));
+                }
+            }
+        }
         self.existence.validate().map_err(|e| e.within("existence"))
+    }
+
+    /// An error when a sighting's class is beyond those configured.
+    pub(crate) fn check_classes(&self, sightings: &[Sighting]) -> Result<()> {
+        let Some(classes) = &self.classes else { return Ok(()) };
+        match sightings.iter().find_map(|s| s.appearance.class.filter(|class| *class >= classes.number)) {
+            Some(class) => Err(Error::Input(format!(
+                "class {class} of a sighting: expected 0 to {} (association.classes.number)",
+                classes.number - 1
+            ))),
+            None => Ok(()),
+        }
+    }
+
+    /// EKF-SLAM knows one way of association and keeps its landmarks for ever.
+    fn validate_for_ekf(&self) -> Result<()> {
+        let default = Self::default();
+        let only = "its default with algorithm ekf";
+        if self.method != default.method {
+            return Err(Error::parameter("method", format!("{:?}", self.method).to_lowercase(), only));
+        }
+        for (key, given) in [
+            ("detection_probability", self.detection_probability.is_some()),
+            ("classes", self.classes.is_some()),
+            ("signatures", self.signatures.is_some()),
+            ("merging.rule", self.merging.rule != default.merging.rule),
+        ] {
+            if given {
+                return Err(Error::parameter(key, "a value", only));
+            }
+        }
+        Ok(())
+    }
+
+    /// ln of the most by which anything but the place can raise the likelihood of a landmark.
+    pub(crate) fn log_most_evidence(&self) -> f64 {
+        let odds = self.detection_probability.map_or(0.0, |p| crate::math::ln(p / (1.0 - p)).max(0.0));
+        let classes = self.classes.as_ref().map_or(0.0, |c| crate::math::ln(f64::from(c.number)));
+        let signatures = self.signatures.as_ref().map_or(0.0, |s| s.log_peak().max(0.0));
+        odds + classes + signatures
     }
 }
 
@@ -431,6 +524,7 @@ impl ExistenceConfig {
         fraction("range_fraction", self.range_fraction)?;
         fraction("view_fraction", self.view_fraction)?;
         finite("lowest_log_odds", self.lowest_log_odds)?;
+        finite("confirmed_log_odds", self.confirmed_log_odds)?;
         if self.lowest_log_odds >= self.initial_log_odds {
             return Err(Error::parameter("lowest_log_odds", self.lowest_log_odds, "less than initial_log_odds"));
         }

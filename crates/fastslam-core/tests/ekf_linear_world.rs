@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use fastslam_core::association::Appearance;
 use fastslam_core::config::Config;
 use fastslam_core::ekf_slam::EkfSlam;
 use fastslam_core::filter::{Identities, Sighting};
@@ -63,7 +64,7 @@ fn the_posterior_of_the_linear_world_is_exact() {
             let noise = stream.normal_pair(k as u32, 0);
             let place = [2.5 * k as f64, 3.0 - (k % 3) as f64 * 2.0];
             let value: [f64; 2] = std::array::from_fn(|axis| place[axis] - robot[axis] + SIGHTING_STD * noise[axis]);
-            scan.push(Sighting { value, identity: Some(k as u32), noise: None });
+            scan.push(Sighting { value, identity: Some(k as u32), noise: None, appearance: Appearance::default() });
             exact.add(Some(step), STEPS + k, value, [SIGHTING_STD; 2]);
         }
         filter.update(step as f64, &scan).unwrap();

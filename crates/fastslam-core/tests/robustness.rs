@@ -2,7 +2,10 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
 
-use fastslam_core::config::{Algorithm, Config};
+use fastslam_core::association::Appearance;
+use fastslam_core::config::{
+    Algorithm, Classes, Config, ExistenceForm, Merging, MergingRule, Method, Removal, Signatures,
+};
 use fastslam_core::error::Error;
 use fastslam_core::filter::{FastSlam, Identities, Sighting, Skipped};
 use fastslam_core::geometry::Symmetric2;
@@ -285,8 +288,12 @@ fn any_sighting() -> impl Strategy<Value = Sighting> {
             Some(Symmetric2::new(a * a, r * a * b, b * b))
         }),
     ];
-    (number(0.0..30.0), number(-4.0..4.0), prop::option::weighted(0.6, 0_u32..6), noise)
-        .prop_map(|(range_m, bearing_rad, identity, noise)| Sighting { value: [range_m, bearing_rad], identity, noise })
+    (number(0.0..30.0), number(-4.0..4.0), prop::option::weighted(0.6, 0_u32..6), noise).prop_map(
+        |(range_m, bearing_rad, identity, noise)| Sighting {
+            noise,
+            ..Sighting::range_bearing(range_m, bearing_rad, identity)
+        },
+    )
 }
 
 fn any_log() -> impl Strategy<Value = Vec<(f64, f64, Vec<Sighting>)>> {
@@ -321,6 +328,46 @@ proptest! {
                     prop_assert!(info.effective_sample_size >= 1.0 - 1e-9);
                     prop_assert!(info.effective_sample_size <= f64::from(particles) + 1e-9);
                 }
+                Err(error) => {
+                    prop_assert_eq!(error, Error::AllWeightsZero { step: step as u64 });
+                    break;
+                }
+            }
+            prop_assert_eq!(check_finite(&mut filter), Ok(()));
+        }
+    }
+
+    #[test]
+    fn no_log_makes_any_method_of_association_panic_or_say_nonsense(
+        log in any_log(),
+        looks in prop::collection::vec((prop::option::of(0_u32..3), number(-1.0..1.0)), 6),
+        method in prop::sample::select(vec![
+            Method::MaximumLikelihood, Method::Sampled, Method::Assignment, Method::Joint,
+        ]),
+        form in prop::sample::select(vec![ExistenceForm::Counted, ExistenceForm::Bayes]),
+        removal in prop::sample::select(vec![Removal::Never, Removal::WhenMissed]),
+        detection in prop::sample::select(vec![1e-12, 0.5, 1.0 - 1e-15]),
+        identities in prop::sample::select(IDENTITIES.to_vec()),
+    ) {
+        let mut config = config(Algorithm::Fastslam2);
+        config.filter.particles = 4;
+        let association = &mut config.association;
+        association.method = method;
+        association.detection_probability = Some(detection);
+        association.clutter_density = Some(0.01);
+        association.classes = Some(Classes { number: 3, correct_probability: 0.9 });
+        association.signatures = Some(Signatures::default());
+        association.merging = Merging { rule: MergingRule::Nearby, tolerance_std_m: 0.5, ..Merging::default() };
+        (association.existence.form, association.existence.removal) = (form, removal);
+        let mut filter = FastSlam::new(config, identities).unwrap();
+        for (step, (speed, yaw_rate, scan)) in log.iter().enumerate() {
+            let mut scan = scan.clone();
+            for (sighting, (class, signature)) in scan.iter_mut().zip(&looks) {
+                sighting.appearance = Appearance { class: *class, signature: Some(*signature) };
+            }
+            filter.predict([*speed, *yaw_rate, 0.0], 0.2).unwrap();
+            match filter.update(step as f64, &scan) {
+                Ok(info) => prop_assert!(info.log_likelihood.is_finite(), "{}", info.log_likelihood),
                 Err(error) => {
                     prop_assert_eq!(error, Error::AllWeightsZero { step: step as u64 });
                     break;

@@ -2,13 +2,16 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
 
-use fastslam_core::config::{Algorithm, AssociationMode, Config};
+use fastslam_core::association::Appearance;
+use fastslam_core::config::{
+    Algorithm, AssociationMode, Classes, Config, ExistenceForm, MergingRule, Method, Removal, Signatures,
+};
 use fastslam_core::filter::Sighting;
 use fastslam_core::resampling::ResamplingScheme;
 use fastslam_core::run::{run, Observer, RunOutput};
 use fastslam_core::store::StoreKind;
 use fastslam_core::timeline::LogData;
-use fastslam_sim::{simulate, Identities, SimulationConfig};
+use fastslam_sim::{simulate, Identities, Signature, SimulationConfig};
 
 /// Watches nothing; time stands still.
 struct Blind;
@@ -40,10 +43,18 @@ fn world(seed: u64, identities: Identities) -> (LogData, Config) {
     simulation.scan.detection_probability = 0.8;
     simulation.scan.clutter_per_scan = if identities == Identities::All { 0.0 } else { 0.3 };
     simulation.scan.identities = identities;
+    simulation.scan.signature = Some(Signature { mean_m: 0.5, spread_std_m: 0.2, measurement_std_m: 0.1 });
+    simulation.classes.names = ["red", "green", "blue"].map(String::from).to_vec();
+    simulation.classes.confusion_probability = 0.1;
     let simulated = simulate(&simulation).unwrap();
     let seen = &simulated.sightings;
-    let sighting =
-        |i: usize| Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok());
+    let sighting = |i: usize| Sighting {
+        appearance: Appearance {
+            class: u32::try_from(seen.class_index[i]).ok(),
+            signature: Some(seen.signature[i]).filter(|value| value.is_finite()),
+        },
+        ..Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok())
+    };
     let log = LogData {
         control_stamps_s: simulated.control_stamp_s.clone(),
         controls: simulated.controls.clone(),
@@ -156,4 +167,72 @@ fn the_number_of_threads_changes_no_bit() {
     }
     assert!(runs[0].len() > 500, "{} numbers", runs[0].len());
     assert!(runs.iter().all(|run| *run == runs[0]));
+}
+
+/// Everything that association can do, switched on.
+fn with_everything(config: &mut Config, method: Method) {
+    let association = &mut config.association;
+    association.method = method;
+    association.detection_probability = Some(0.8);
+    association.clutter_density = Some(0.005);
+    association.classes = Some(Classes { number: 3, correct_probability: 0.9 });
+    association.signatures = Some(Signatures { std: 0.1, spread: 1.0 });
+    association.existence.form = ExistenceForm::Bayes;
+    association.existence.removal = Removal::WhenMissed;
+    association.merging.rule = MergingRule::Nearby;
+    association.merging.tolerance_std_m = 0.5;
+}
+
+const METHODS: [Method; 4] = [Method::MaximumLikelihood, Method::Sampled, Method::Assignment, Method::Joint];
+
+#[test]
+fn every_store_gives_the_same_bits_by_every_method_with_everything_that_association_can_do() {
+    let (mut merged, mut removed, mut resampled, mut looks) = (0, 0, 0, 0);
+    for method in METHODS {
+        for identities in [Identities::None, Identities::Fraction(0.3)] {
+            for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
+                let (log, mut config) = world(6, identities);
+                config.algorithm = algorithm;
+                with_everything(&mut config, method);
+                // A sensor that is worse than the filter believes makes duplicates.
+                config.sensor.range_std_m *= 0.3;
+                config.sensor.bearing_std_rad *= 0.3;
+                let output = agreed(&config, &log);
+                let infos = || output.steps.iter().map(|s| s.info);
+                merged += infos().map(|i| i.merged).sum::<u32>();
+                removed += infos().map(|i| i.removed).sum::<u32>();
+                resampled += infos().filter(|i| i.resampled).count();
+                looks += output.map.landmarks.iter().filter(|l| l.appearance.class.is_some()).count();
+            }
+        }
+    }
+    assert!(merged > 0 && removed > 50 && resampled > 50, "{merged} merged, {removed} removed, {resampled}");
+    assert!(looks > 100, "{looks} landmarks with a class");
+}
+
+#[test]
+fn the_number_of_threads_changes_no_bit_of_any_method() {
+    for method in METHODS {
+        let (log, mut config) = world(7, Identities::None);
+        with_everything(&mut config, method);
+        let mut runs = Vec::new();
+        for threads in [1, 2, 8] {
+            config.filter.threads = threads;
+            runs.push(bits(&output(&config, StoreKind::default(), &log)));
+        }
+        assert!(runs[0].len() > 500 && runs.iter().all(|run| *run == runs[0]), "{method:?}");
+    }
+}
+
+#[test]
+fn the_methods_decide_differently() {
+    let (log, mut config) = world(8, Identities::None);
+    let mut runs = Vec::new();
+    for method in METHODS {
+        with_everything(&mut config, method);
+        runs.push(bits(&output(&config, StoreKind::default(), &log)));
+    }
+    for (i, a) in runs.iter().enumerate() {
+        assert!(runs[..i].iter().all(|b| a != b), "{:?} is the same as another one", METHODS[i]);
+    }
 }

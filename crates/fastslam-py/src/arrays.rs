@@ -1,5 +1,6 @@
 //! Arrays in and out.
 
+use fastslam_core::association::Appearance;
 use fastslam_core::filter::Sighting;
 use fastslam_core::geometry::Symmetric2;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
@@ -16,12 +17,42 @@ pub fn controls(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 3]>> {
     Ok(view.rows().into_iter().map(|r| [r[0], r[1], if columns == 3 { r[2] } else { 0.0 }]).collect())
 }
 
+/// What sightings look like, as columns: class −1 means none, a signature of NaN none.
+#[derive(Default)]
+pub struct Looks<'py> {
+    pub class_index: Option<PyReadonlyArray1<'py, i64>>,
+    pub signature: Option<PyReadonlyArray1<'py, f64>>,
+}
+
+impl Looks<'_> {
+    fn check_length(&self, n: usize) -> PyResult<()> {
+        let classes = self.class_index.as_ref().map_or(n, |a| a.as_array().len());
+        let signatures = self.signature.as_ref().map_or(n, |a| a.as_array().len());
+        if classes == n && signatures == n {
+            return Ok(());
+        }
+        Err(PyValueError::new_err(format!("sightings: got {n} ranges, {classes} classes and {signatures} signatures")))
+    }
+
+    fn get(&self, i: usize) -> PyResult<Appearance> {
+        let class = match self.class_index.as_ref().map_or(-1, |a| a.as_array()[i]) {
+            -1 => None,
+            value => Some(u32::try_from(value).map_err(|_| {
+                PyValueError::new_err(format!("sightings: class {value} of row {i}, expected -1 to 4294967295"))
+            })?),
+        };
+        let signature = self.signature.as_ref().map(|a| a.as_array()[i]).filter(|value| !value.is_nan());
+        Ok(Appearance { class, signature })
+    }
+}
+
 /// Sightings from columns of equal length; identity −1 means unknown, a noise covariance of NaN means the sensor's.
 pub fn sightings(
     range_m: &PyReadonlyArray1<'_, f64>,
     bearing_rad: &PyReadonlyArray1<'_, f64>,
     identity: &PyReadonlyArray1<'_, i64>,
     noise: Option<&PyReadonlyArray2<'_, f64>>,
+    looks: &Looks<'_>,
 ) -> PyResult<Vec<Sighting>> {
     let (range_m, bearing_rad, identity) = (range_m.as_array(), bearing_rad.as_array(), identity.as_array());
     let n = range_m.len();
@@ -32,6 +63,7 @@ pub fn sightings(
             identity.len()
         )));
     }
+    looks.check_length(n)?;
     (0..n)
         .map(|i| {
             let identity = match identity[i] {
@@ -43,7 +75,7 @@ pub fn sightings(
             let noise = noise
                 .map(|a| a.as_array())
                 .and_then(|a| a[[i, 0]].is_finite().then(|| Symmetric2::new(a[[i, 0]], a[[i, 1]], a[[i, 2]])));
-            Ok(Sighting { value: [range_m[i], bearing_rad[i]], identity, noise })
+            Ok(Sighting { value: [range_m[i], bearing_rad[i]], identity, noise, appearance: looks.get(i)? })
         })
         .collect()
 }

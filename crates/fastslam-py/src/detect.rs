@@ -1,7 +1,7 @@
 //! Bindings of the detectors: scans as arrays in, detections as columns out.
 
 use crate::settings::{from_json, schema_of, to_json, to_python};
-use fastslam_core::detect::{BeamGeometry, Detection, Detector, DetectorConfig, Scan};
+use fastslam_core::detect::{BeamGeometry, Detection, Detector, DetectorConfig, Piece, Scan, Verdict};
 use fastslam_core::error::{Error, Result};
 use numpy::ndarray::{ArrayView1, ArrayView2};
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -61,6 +61,22 @@ impl View<'_> {
     }
 }
 
+/// Rows of all scans, and at which of them each scan ends.
+struct Rows<T> {
+    rows: Vec<T>,
+    ends: Vec<usize>,
+}
+
+impl<T> Rows<T> {
+    fn scan_index(&self) -> Vec<i64> {
+        let mut index = Vec::with_capacity(self.rows.len());
+        for (scan, &end) in self.ends.iter().enumerate() {
+            index.resize(end, scan as i64);
+        }
+        index
+    }
+}
+
 /// Everything that the detector reads, checked for shape.
 struct Input<'a> {
     ranges_m: View<'a>,
@@ -84,10 +100,11 @@ impl Input<'_> {
         Ok(())
     }
 
-    /// Detections of all scans, and at which of them each scan ends.
-    fn detect(&self, config: DetectorConfig) -> Result<(Vec<Detection>, Vec<usize>)> {
+    /// Detections in all scans, and the pieces that the scans were cut into.
+    fn detect(&self, config: DetectorConfig) -> Result<(Rows<Detection>, Rows<Piece>)> {
         let mut detector = Detector::new(config)?;
-        let (mut found, mut ends) = (Vec::new(), Vec::new());
+        let mut found = Rows { rows: Vec::new(), ends: Vec::new() };
+        let mut pieces = Rows { rows: Vec::new(), ends: Vec::new() };
         let (mut ranges_m, mut intensities) = (Vec::new(), Vec::new());
         for row in 0..self.ranges_m.shape().0 {
             self.ranges_m.copy_row(row, &mut ranges_m);
@@ -100,10 +117,12 @@ impl Input<'_> {
                 geometry: self.geometry,
                 twist: self.twists.map(|twists| [twists[[row, 0]], twists[[row, 1]], twists[[row, 2]]]),
             };
-            detector.detect(&scan, &mut found).map_err(|error| within_scan(error, row))?;
-            ends.push(found.len());
+            detector.detect(&scan, &mut found.rows).map_err(|error| within_scan(error, row))?;
+            found.ends.push(found.rows.len());
+            pieces.rows.extend_from_slice(detector.pieces());
+            pieces.ends.push(pieces.rows.len());
         }
-        Ok((found, ends))
+        Ok((found, pieces))
     }
 }
 
@@ -114,8 +133,8 @@ fn within_scan(error: Error, row: usize) -> Error {
     }
 }
 
-/// Finds landmarks in scans. `geometry_json` holds the fields of `BeamGeometry`; `twists` (N, 3) are the velocities of
-/// the sensor.
+/// Finds landmarks in scans: columns of detections, and columns of the pieces that the scans were cut into with their
+/// verdicts. `geometry_json` holds the fields of `BeamGeometry`; `twists` (N, 3) are the velocities of the sensor.
 #[pyfunction]
 #[pyo3(signature = (config_json, geometry_json, stamp_s, ranges_m, intensities=None, twists=None))]
 fn detect<'py>(
@@ -126,7 +145,7 @@ fn detect<'py>(
     ranges_m: Table<'py>,
     intensities: Option<Table<'py>>,
     twists: Option<PyReadonlyArray2<'py, f64>>,
-) -> PyResult<Bound<'py, PyDict>> {
+) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
     let config: DetectorConfig = from_json(config_json)?;
     let geometry: BeamGeometry = from_json(geometry_json)?;
     let stamps = stamp_s.as_array();
@@ -139,20 +158,22 @@ fn detect<'py>(
     input.check(stamps.len())?;
     // Also for no scans at all, so that a wrong header is an error whatever follows it.
     geometry.validate(input.ranges_m.shape().1).map_err(|e| to_python(e.within("geometry")))?;
-    let (found, ends) = py.detach(|| input.detect(config)).map_err(to_python)?;
-    columns(py, &found, &ends, stamps)
+    let (found, pieces) = py.detach(|| input.detect(config)).map_err(to_python)?;
+    Ok((detection_columns(py, &found, stamps)?, piece_columns(py, &pieces)?))
 }
 
-fn columns<'py>(
+/// What may become of a piece of a scan, by number.
+#[pyfunction]
+fn verdicts() -> Vec<&'static str> {
+    Verdict::ALL.iter().map(|verdict| verdict.label()).collect()
+}
+
+fn detection_columns<'py>(
     py: Python<'py>,
-    found: &[Detection],
-    ends: &[usize],
+    found: &Rows<Detection>,
     stamps: ArrayView1<'_, f64>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let mut scan_index: Vec<i64> = Vec::with_capacity(found.len());
-    for (scan, &end) in ends.iter().enumerate() {
-        scan_index.resize(end, scan as i64);
-    }
+    let (scan_index, found) = (found.scan_index(), &found.rows);
     let column = |f: &dyn Fn(&Detection) -> f64| found.iter().map(f).collect::<Vec<_>>().into_pyarray(py);
     let beams =
         |f: &dyn Fn(&Detection) -> u32| found.iter().map(|d| i64::from(f(d))).collect::<Vec<_>>().into_pyarray(py);
@@ -171,9 +192,20 @@ fn columns<'py>(
     Ok(out)
 }
 
+fn piece_columns<'py>(py: Python<'py>, pieces: &Rows<Piece>) -> PyResult<Bound<'py, PyDict>> {
+    let column = |f: &dyn Fn(&Piece) -> i64| pieces.rows.iter().map(f).collect::<Vec<_>>().into_pyarray(py);
+    let out = PyDict::new(py);
+    out.set_item("scan_index", pieces.scan_index().into_pyarray(py))?;
+    out.set_item("first_beam", column(&|p| i64::from(p.first_beam)))?;
+    out.set_item("last_beam", column(&|p| i64::from(p.last_beam)))?;
+    out.set_item("verdict", column(&|p| p.verdict as i64))?;
+    Ok(out)
+}
+
 /// Adds everything here to the module.
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(detector_schema, module)?)?;
     module.add_function(wrap_pyfunction!(resolve_detector, module)?)?;
+    module.add_function(wrap_pyfunction!(verdicts, module)?)?;
     module.add_function(wrap_pyfunction!(detect, module)?)
 }

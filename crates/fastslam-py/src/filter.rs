@@ -39,7 +39,8 @@ impl Filter {
         py.detach(|| self.filter.predict(control, dt_s)).map_err(to_python)
     }
 
-    #[pyo3(signature = (stamp_s, range_m, bearing_rad, identity, noise=None))]
+    #[pyo3(signature = (stamp_s, range_m, bearing_rad, identity, noise=None, class_index=None, signature=None))]
+    #[allow(clippy::too_many_arguments)] // One array per column of a scan.
     fn update<'py>(
         &mut self,
         py: Python<'py>,
@@ -48,8 +49,11 @@ impl Filter {
         bearing_rad: PyReadonlyArray1<'py, f64>,
         identity: PyReadonlyArray1<'py, i64>,
         noise: Option<PyReadonlyArray2<'py, f64>>,
+        class_index: Option<PyReadonlyArray1<'py, i64>>,
+        signature: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref())?;
+        let looks = arrays::Looks { class_index, signature };
+        let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref(), &looks)?;
         let info = py.detach(|| self.filter.update(stamp_s, &sightings)).map_err(to_python)?;
         let dict = PyDict::new(py);
         dict.set_item("step", info.step)?;

@@ -48,7 +48,7 @@ impl Observer for Progress {
 /// Runs the filter over a log. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
 /// been computed; any other exception of `progress` is raised.
 #[pyfunction]
-#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None))]
+#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None))]
 #[allow(clippy::too_many_arguments)] // One array per column of a log.
 pub fn run<'py>(
     py: Python<'py>,
@@ -61,13 +61,21 @@ pub fn run<'py>(
     identity: PyReadonlyArray1<'py, i64>,
     noise: Option<PyReadonlyArray2<'py, f64>>,
     progress: Option<Py<PyAny>>,
+    class_index: Option<PyReadonlyArray1<'py, i64>>,
+    signature: Option<PyReadonlyArray1<'py, f64>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let config = config::parse(config_json)?;
     let log = LogData {
         control_stamps_s: control_stamps_s.as_array().to_vec(),
         controls: arrays::controls(&controls)?,
         sighting_stamps_s: sighting_stamps_s.as_array().to_vec(),
-        sightings: arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref())?,
+        sightings: arrays::sightings(
+            &range_m,
+            &bearing_rad,
+            &identity,
+            noise.as_ref(),
+            &arrays::Looks { class_index, signature },
+        )?,
     };
     let total = Timeline::new(&log, config.motion.timing(), config.filter.path_period_s).step_bound();
     let mut observer = Progress { start: Instant::now(), next_s: 0.0, total, callback: progress, failure: None };
@@ -124,6 +132,8 @@ fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyResul
     skipped.set_item("sightings_too_far", output.skipped.too_far)?;
     skipped.set_item("sightings_without_identity", output.skipped.without_identity)?;
     skipped.set_item("sightings_bad_covariance", output.skipped.bad_covariance)?;
+    let fell_back: u64 = steps.iter().map(|s| u64::from(s.info.fell_back)).sum();
+    skipped.set_item("joint_association_fallbacks", fell_back)?;
     dict.set_item("skipped", skipped)?;
     Ok(dict)
 }
@@ -157,6 +167,11 @@ pub fn map_to_dict<'py>(py: Python<'py>, map: &MapEstimate) -> PyResult<Bound<'p
     let means: Vec<f64> = landmarks.iter().flat_map(|l| l.mean).collect();
     dict.set_item("mean_m", means.into_pyarray(py).reshape([n, 2])?)?;
     let covariances: Vec<f64> = landmarks.iter().map(|l| l.covariance).flat_map(|c| [c.xx, c.xy, c.xy, c.yy]).collect();
+    dict.set_item("confirmed", landmarks.iter().map(|l| l.confirmed).collect::<Vec<_>>().into_pyarray(py))?;
+    let classes = landmarks.iter().map(|l| l.appearance.class.map_or(-1, i64::from));
+    dict.set_item("class_index", integers(classes.collect()))?;
+    let signatures = landmarks.iter().map(|l| l.appearance.signature.unwrap_or(f64::NAN));
+    dict.set_item("signature", signatures.collect::<Vec<_>>().into_pyarray(py))?;
     dict.set_item("covariance_m2", covariances.into_pyarray(py).reshape([n, 2, 2])?)?;
     Ok(dict)
 }

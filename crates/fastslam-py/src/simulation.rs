@@ -57,6 +57,11 @@ fn columns<'py>(py: Python<'py>, log: &SimulatedLog) -> PyResult<Bound<'py, PyDi
     out.set_item("truth_stamp_s", log.truth_stamp_s.to_pyarray(py))?;
     out.set_item("T_world_robot", matrix(py, log.T_world_robot.concat(), 3)?)?;
     out.set_item("landmark_position_m", matrix(py, log.landmarks.position_m.concat(), 2)?)?;
+    if let Some(scans) = &log.scans {
+        out.set_item("scan_stamp_s", scans.stamp_s.to_pyarray(py))?;
+        out.set_item("scan_ranges_m", matrix(py, scans.ranges_m.clone(), scans.beams)?)?;
+        out.set_item("scan_geometry", to_json(&scans.geometry)?)?;
+    }
     out.set_item("class_names", &log.class_names)?;
     out.set_item("motion", to_json(&log.motion)?)?;
     out.set_item("sensor", to_json(&log.sensor)?)?;

@@ -291,6 +291,8 @@ pub struct ScanConfig {
     pub identities: Identities,
     /// A scalar that is measured of each landmark, such as the diameter of a trunk. `null`: none.
     pub signature: Option<Signature>,
+    /// The log holds raw scans of a laser instead of sightings; the landmarks are round rocks. `null`: sightings.
+    pub laser: Option<LaserConfig>,
 }
 
 impl Default for ScanConfig {
@@ -302,6 +304,38 @@ impl Default for ScanConfig {
             max_sightings_per_scan: None,
             identities: Identities::All,
             signature: None,
+            laser: None,
+        }
+    }
+}
+
+/// A planar laser among rocks. Its field of view and its reach are those of the sensor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct LaserConfig {
+    /// Angle from one beam to the next.
+    pub angle_step_rad: f64,
+    /// Standard deviation of the range of a beam.
+    pub range_std_m: f64,
+    /// Probability that a beam reports nothing though it hit something.
+    pub dropout_probability: f64,
+    /// Smallest and largest radius of the rocks.
+    pub radius_m: [f64; 2],
+    /// Rocks whose surface is nearer to the path than this are taken away.
+    pub clearance_m: f64,
+    /// Walls around the field, this far beyond it. `null`: none.
+    pub wall_margin_m: Option<f64>,
+}
+
+impl Default for LaserConfig {
+    fn default() -> Self {
+        Self {
+            angle_step_rad: 0.5_f64.to_radians(),
+            range_std_m: 0.02,
+            dropout_probability: 0.002,
+            radius_m: [0.1, 0.4],
+            clearance_m: 0.5,
+            wall_margin_m: Some(1.0),
         }
     }
 }

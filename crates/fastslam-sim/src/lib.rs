@@ -8,6 +8,7 @@ pub mod arena;
 mod config;
 mod draws;
 mod grid;
+mod laser;
 mod log;
 mod path;
 mod presets;
@@ -18,15 +19,16 @@ mod vehicle;
 mod world;
 
 pub use config::{
-    Classes, Cones, Explicit, Identities, LawnMower, Line, Loop, Orchard, RandomField, RandomWalk, ScanConfig,
-    Signature, SimulationConfig, Start, Trajectory, VehicleConfig, Waypoints, World,
+    Classes, Cones, Explicit, Identities, LaserConfig, LawnMower, Line, Loop, Orchard, RandomField, RandomWalk,
+    ScanConfig, Signature, SimulationConfig, Start, Trajectory, VehicleConfig, Waypoints, World,
 };
 pub use grid::PointGrid;
-pub use log::{SimulatedLandmarks, SimulatedLog, SimulatedSightings};
+pub use log::{SimulatedLandmarks, SimulatedLog, SimulatedScans, SimulatedSightings};
 pub use presets::PRESETS;
 
 use draws::Draws;
 use fastslam_core::error::Result;
+use fastslam_core::geometry::Pose;
 
 /// Simulates one log.
 ///
@@ -39,15 +41,23 @@ pub fn simulate(config: &SimulationConfig) -> Result<SimulatedLog> {
     let mut world = world::build(config, draws)?;
     let path = trajectory::waypoints(config, &world, draws)?;
     let mut drive = vehicle::drive(config, path)?;
+    if let Some(laser) = &config.scan.laser {
+        laser::place_rocks(laser, &mut world, &drive.poses, draws);
+    }
+    let mut T_world_layout = Pose::new(0.0, 0.0, 0.0);
     if let Some(start) = config.start {
         // The frame of the world is ours to choose: the whole scene moves rigidly, nothing in it changes.
-        let T_new_old = start.T_world_robot().compose(drive.poses[0].inverse());
-        world.move_by(T_new_old);
+        T_world_layout = start.T_world_robot().compose(drive.poses[0].inverse());
+        world.move_by(T_world_layout);
         for pose in &mut drive.poses {
-            *pose = T_new_old.compose(*pose);
+            *pose = T_world_layout.compose(*pose);
         }
     }
     let controls = vehicle::record(config, &drive.controls, draws);
-    let (sightings, seen) = scan::scan(config, &world, &drive.poses, draws);
-    Ok(log::assemble(config, log::Parts { world, drive, controls, sightings, seen }))
+    let (mut scans, mut sightings, mut seen) = (None, SimulatedSightings::default(), vec![]);
+    match &config.scan.laser {
+        Some(laser) => scans = Some(laser::scans(config, laser, &world, &drive.poses, T_world_layout)),
+        None => (sightings, seen) = scan::scan(config, &world, &drive.poses, draws),
+    }
+    Ok(log::assemble(config, log::Parts { world, drive, controls, sightings, scans, seen }))
 }

@@ -3,6 +3,7 @@
 use crate::config::SimulationConfig;
 use crate::vehicle::Drive;
 use crate::world::Scene;
+use fastslam_core::detect::BeamGeometry;
 use fastslam_core::measurement::Sensor;
 use fastslam_core::motion::{ControlTiming, Motion};
 
@@ -17,8 +18,10 @@ pub struct SimulatedLog {
     pub controls: Vec<[f64; 3]>,
     /// The same rows without noise: replayed from the first true pose they give the true path.
     pub true_controls: Vec<[f64; 3]>,
-    /// What the sensor reported.
+    /// What the sensor reported; nothing where there are scans.
     pub sightings: SimulatedSightings,
+    /// Raw scans, where the sensor is a laser.
+    pub scans: Option<SimulatedScans>,
     /// Stamp of each true pose: the beginning and the end of each control period.
     pub truth_stamp_s: Vec<f64>,
     /// True (x, y, heading) at each stamp.
@@ -64,6 +67,19 @@ impl SimulatedSightings {
     }
 }
 
+/// Raw scans in order of time.
+#[derive(Clone, Debug)]
+pub struct SimulatedScans {
+    /// When.
+    pub stamp_s: Vec<f64>,
+    /// Beams of a scan.
+    pub beams: usize,
+    /// Where they point and how far they reach.
+    pub geometry: BeamGeometry,
+    /// Scan by scan; infinity where nothing was hit, NaN where a beam dropped out.
+    pub ranges_m: Vec<f64>,
+}
+
 /// True landmarks, by index.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedLandmarks {
@@ -73,7 +89,7 @@ pub struct SimulatedLandmarks {
     pub class_index: Vec<i64>,
     /// True signature in metres, NaN for none.
     pub signature: Vec<f64>,
-    /// Whether any sighting of it is in the log.
+    /// Whether any sighting of it is in the log; empty where there are scans.
     pub seen: Vec<bool>,
 }
 
@@ -87,13 +103,15 @@ pub struct Parts {
     pub controls: Vec<[f64; 3]>,
     /// The sightings.
     pub sightings: SimulatedSightings,
+    /// The scans.
+    pub scans: Option<SimulatedScans>,
     /// Whether each landmark was ever sighted.
     pub seen: Vec<bool>,
 }
 
 /// The log of all parts, with stamps.
 pub fn assemble(config: &SimulationConfig, parts: Parts) -> SimulatedLog {
-    let Parts { world, drive, controls, sightings, seen } = parts;
+    let Parts { world, drive, controls, sightings, scans, seen } = parts;
     let stamp_s = |index: usize| index as f64 * config.control_period_s;
     let first = match config.motion.timing() {
         ControlTiming::Held => 0,
@@ -105,6 +123,7 @@ pub fn assemble(config: &SimulationConfig, parts: Parts) -> SimulatedLog {
         controls,
         true_controls: drive.controls,
         sightings,
+        scans,
         truth_stamp_s: (0..drive.poses.len()).map(stamp_s).collect(),
         T_world_robot: drive.poses.iter().map(|pose| pose.to_array()).collect(),
         landmarks: SimulatedLandmarks {

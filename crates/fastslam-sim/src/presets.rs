@@ -1,8 +1,8 @@
 //! Ready-made simulations.
 
 use crate::config::{
-    Cones, Identities, LawnMower, Loop, Orchard, RandomField, RandomWalk, ScanConfig, Signature, SimulationConfig,
-    Trajectory, VehicleConfig, World,
+    Cones, Identities, LaserConfig, LawnMower, Loop, Orchard, RandomField, RandomWalk, ScanConfig, Signature,
+    SimulationConfig, Trajectory, VehicleConfig, World,
 };
 use fastslam_core::error::{Error, Result};
 use fastslam_core::measurement::Sensor;
@@ -10,7 +10,7 @@ use fastslam_core::motion::{Ackermann, Increments, Motion, Velocity};
 use std::f64::consts::PI;
 
 /// Names that [`SimulationConfig::preset`] knows.
-pub const PRESETS: [&str; 7] = ["demo", "loop", "lawn-mower", "cones", "orchard", "headline", "victoria-like"];
+pub const PRESETS: [&str; 8] = ["demo", "loop", "lawn-mower", "cones", "orchard", "headline", "victoria-like", "rover"];
 
 impl SimulationConfig {
     /// One of [`PRESETS`].
@@ -23,6 +23,7 @@ impl SimulationConfig {
             "orchard" => Ok(orchard()),
             "headline" => Ok(headline()),
             "victoria-like" => Ok(victoria_like()),
+            "rover" => Ok(rover()),
             _ => Err(Error::parameter("preset", name, format!("one of {}", PRESETS.join(", ")))),
         }
     }
@@ -173,6 +174,29 @@ fn victoria_like() -> SimulationConfig {
             clutter_per_scan: 0.5,
             identities: Identities::None,
             signature: Some(Signature { mean_m: 0.8, spread_std_m: 0.4, measurement_std_m: 0.3 }),
+            ..ScanConfig::default()
+        },
+        ..SimulationConfig::default()
+    }
+}
+
+/// A rover with a laser among rocks between walls: raw scans, from which the rocks are found.
+fn rover() -> SimulationConfig {
+    SimulationConfig {
+        world: random(40, [30.0, 16.0], 1.6),
+        trajectory: Trajectory::Loop(Loop { laps: 2, margin_m: 4.0, corner_radius_m: 3.0 }),
+        vehicle: VehicleConfig { speed_m_per_s: 0.4, max_yaw_rate_rad_per_s: 0.3, lookahead_m: 1.0 },
+        motion: Motion::Velocity(Velocity {
+            speed_std_m_per_s: 0.04,
+            yaw_rate_std_rad_per_s: 0.03,
+            lateral_std_m_per_s: 0.0,
+            noise_period_s: Some(0.1),
+        }),
+        sensor: Sensor { field_of_view_rad: PI, min_range_m: 0.1, ..sensor(0.05, 0.6, 20.0) },
+        scan: ScanConfig {
+            period_s: 0.5,
+            identities: Identities::None,
+            laser: Some(LaserConfig::default()),
             ..ScanConfig::default()
         },
         ..SimulationConfig::default()

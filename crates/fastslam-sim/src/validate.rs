@@ -1,6 +1,6 @@
 //! Checks of the settings of a simulation.
 
-use crate::config::{Cones, Orchard, ScanConfig, SimulationConfig, Trajectory, VehicleConfig, World};
+use crate::config::{Cones, LaserConfig, Orchard, ScanConfig, SimulationConfig, Trajectory, VehicleConfig, World};
 use fastslam_core::error::{finite, non_negative, positive, Error, Result};
 
 /// More than this does not fit into the memory of the machines that this is for.
@@ -158,7 +158,26 @@ impl ScanConfig {
             non_negative("signature.spread_std_m", signature.spread_std_m)?;
             non_negative("signature.measurement_std_m", signature.measurement_std_m)?;
         }
-        Ok(())
+        self.laser.as_ref().map_or(Ok(()), |laser| laser.validate().map_err(|e| e.within("laser")))
+    }
+}
+
+impl LaserConfig {
+    fn validate(&self) -> Result<()> {
+        let least_step_rad = 1e-5;
+        if !(self.angle_step_rad >= least_step_rad && self.angle_step_rad.is_finite()) {
+            return Err(Error::parameter("angle_step_rad", self.angle_step_rad, format!("{least_step_rad} or more")));
+        }
+        non_negative("range_std_m", self.range_std_m)?;
+        probability("dropout_probability", self.dropout_probability)?;
+        positive("radius_m", self.radius_m[0])?;
+        finite("radius_m", self.radius_m[1])?;
+        if self.radius_m[1] < self.radius_m[0] {
+            let got = format!("{} to {}", self.radius_m[0], self.radius_m[1]);
+            return Err(Error::parameter("radius_m", got, "the smallest first"));
+        }
+        non_negative("clearance_m", self.clearance_m)?;
+        self.wall_margin_m.map_or(Ok(()), |margin| non_negative("wall_margin_m", margin).map(drop))
     }
 }
 

@@ -4,7 +4,7 @@ use fastslam_core::detect::{BeamGeometry, Detection, Detector, DetectorConfig, S
 use fastslam_core::error::Result;
 use fastslam_core::geometry::Pose;
 use fastslam_core::random::{Purpose, RandomSource};
-use fastslam_sim::arena::{Arena, ArenaScan, Laser};
+use fastslam_sim::arena::{Arena, ArenaScan, Laser, Rock, Wall};
 
 const RANGE_STD_M: f64 = 0.02;
 
@@ -119,12 +119,48 @@ fn moments(values: &[f64]) -> (f64, f64, f64) {
     (mean, std / n.sqrt(), std)
 }
 
-fn survey(arenas: u64, poses: u32) -> Result<Score> {
+fn open_arena(seed: u64) -> Arena {
+    Arena::random(seed, 45, 40.0, [0.15, 0.8], 1.0)
+}
+
+/// A wall's distance from a point.
+fn clearance(wall: &Wall, point: [f64; 2]) -> f64 {
+    let along = [wall.to_m[0] - wall.from_m[0], wall.to_m[1] - wall.from_m[1]];
+    let to = [point[0] - wall.from_m[0], point[1] - wall.from_m[1]];
+    let fraction = (to[0] * along[0] + to[1] * along[1]) / (along[0] * along[0] + along[1] * along[1]);
+    let fraction = fraction.clamp(0.0, 1.0);
+    (to[0] - fraction * along[0]).hypot(to[1] - fraction * along[1])
+}
+
+/// Long walls through the arena, which the sensor looks along; no rock is nearer than a metre to one.
+fn long_walls(seed: u64) -> Vec<Wall> {
+    let stream = RandomSource::new(seed).stream(Purpose::Simulation, 99);
+    let long = (0..4).map(|k| {
+        let [u, v] = stream.uniform_pair(k, 0);
+        let (sine, cosine) = (std::f64::consts::TAU * stream.uniform(k, 1)).sin_cos();
+        let middle = [30.0 * (u - 0.5), 30.0 * (v - 0.5)];
+        let half = 5.0 + 7.0 * stream.uniform(k, 2);
+        let end = |side: f64| [middle[0] + side * half * cosine, middle[1] + side * half * sine];
+        Wall { from_m: end(-1.0), to_m: end(1.0) }
+    });
+    long.collect()
+}
+
+fn walled_arena(seed: u64) -> Arena {
+    let mut walls = long_walls(seed);
+    let apart = |rock: &&Rock| walls.iter().all(|wall| clearance(wall, rock.center_m) > rock.radius_m + 1.0);
+    let rocks: Vec<Rock> = open_arena(seed).rocks().iter().filter(apart).copied().collect();
+    let corners = [[-20.0, -20.0], [20.0, -20.0], [20.0, 20.0], [-20.0, 20.0]];
+    walls.extend((0..4).map(|k| Wall { from_m: corners[k], to_m: corners[(k + 1) % 4] }));
+    Arena::new(rocks, walls, 2.0)
+}
+
+fn survey(arenas: u64, poses: u32, build: impl Fn(u64) -> Arena) -> Result<Score> {
     let laser = laser();
     let mut detector = Detector::new(DetectorConfig::default())?;
     let (mut score, mut found) = (Score::default(), Vec::new());
     for seed in 0..arenas {
-        let arena = Arena::random(seed, 45, 40.0, [0.15, 0.8], 1.0);
+        let arena = build(seed);
         for (number, pose) in free_poses(&arena, seed, poses).into_iter().enumerate() {
             let scan = arena.scan(pose, [0.0; 3], &laser, RandomSource::new(seed), number as u64);
             found.clear();
@@ -138,7 +174,7 @@ fn survey(arenas: u64, poses: u32) -> Result<Score> {
 
 #[test]
 fn rocks_are_found_where_they_are() {
-    let score = survey(8, 40).unwrap();
+    let score = survey(8, 40, open_arena).unwrap();
     let precision = score.correct as f64 / score.detections as f64;
     let recall = score.found as f64 / score.wide as f64;
     println!("precision {precision:.4} of {}, recall {recall:.4} of {}", score.detections, score.wide);
@@ -150,12 +186,23 @@ fn rocks_are_found_where_they_are() {
 }
 
 #[test]
+fn walls_at_grazing_incidence_are_no_rocks() {
+    let score = survey(24, 20, walled_arena).unwrap();
+    let precision = score.correct as f64 / score.detections as f64;
+    let recall = score.found as f64 / score.wide as f64;
+    println!("precision {precision:.4} of {}, recall {recall:.4} of {}", score.detections, score.wide);
+    assert!(score.wide > 500 && score.detections > 500, "the arenas show something");
+    assert!(precision >= 0.98, "precision {precision}");
+    assert!(recall >= 0.98, "recall {recall}");
+}
+
+#[test]
 fn positions_are_unbiased_and_their_covariance_is_not_too_small() {
-    let score = survey(8, 40).unwrap();
+    let score = survey(24, 60, open_arena).unwrap();
     for (name, values) in ["radial", "tangential"].iter().zip(&score.errors) {
         let (mean, error, std) = moments(values);
         println!("{name}: {:.2} ± {:.2} mm, std {:.1} mm, n {}", 1e3 * mean, 1e3 * error, 1e3 * std, values.len());
-        assert!(values.len() > 1000 && mean.abs() <= 2.0 * error, "{name}: {mean} ± {error} m");
+        assert!(values.len() > 10_000 && mean.abs() <= 2.0 * error, "{name}: {mean} ± {error} m");
     }
     for values in &score.normalized {
         // Roughness and pointing errors are in the covariance and not in the arena.

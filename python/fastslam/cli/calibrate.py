@@ -9,12 +9,12 @@ from typing import Annotated
 import typer
 
 from .._yaml import write_yaml
-from ..calibration import Parameter, calibrate
+from ..calibration import Calibration, Parameter, calibrate
 from ..config import load_config, merge, parse_assignments
 from ..datasets.registry import load
 from ..evaluation.display import format_number
 from ..resultfiles import write_atomically
-from .console import make_table, stdout
+from .console import make_table, stderr, stdout
 from .options import ConfigFile, Format, LogPath, Robot, Run, Seed, Settings
 
 
@@ -35,7 +35,8 @@ def calibrate_sensor(
     """Estimate the sensor's mounting, systematic errors and noise from what a run leaves unexplained.
 
     What differs from the configured value by three standard errors goes into a file that `fastslam run
-    --config` takes. Ranges and odometry alone do not tell which of them is in true metres: --reference does.
+    --config` takes; what the log cannot tell is named and left alone. Ranges and odometry alone do not
+    tell which of them is in true metres: --reference does.
 
     Settings come from: defaults < the log's own < --config < --set.
 
@@ -51,13 +52,31 @@ def calibrate_sensor(
     found = calibrate(log, merge(*layers), reference=reference, noise=noise)  # type: ignore[arg-type]
     rows = [_row(parameter) for parameter in found.parameters]
     title = f"{log.name}: {found.sightings:,} sightings of {found.landmarks:,} landmarks"
-    headings = ("parameter", ">configured", ">found", ">standard error", "unit", "")
+    headings = ("parameter", ">configured", ">found", ">95 % interval", "unit", "")
     stdout().print(make_table(title, headings, rows))
+    for warning in _warnings(found):
+        stderr().print(f"[yellow]warning[/] {warning}", highlight=False)
     typer.echo(write_atomically(out, write_yaml(found.settings)))
 
 
+def _warnings(found: Calibration) -> list[str]:
+    hidden = [parameter.key for parameter in found.parameters if not parameter.observable]
+    warnings = []
+    if hidden:
+        warnings.append(
+            f"this log does not tell {', '.join(hidden)}: drive curves, see landmarks from all sides"
+        )
+    if not found.converged:
+        warnings.append("the estimate had not settled when it was stopped: take it with care")
+    return warnings
+
+
 def _row(parameter: Parameter) -> tuple[str, ...]:
-    error = "" if math.isnan(parameter.standard_error) else format_number(parameter.standard_error)
-    note = "within chance" if parameter.standard_error > 0 and not parameter.significant else ""
+    interval, note = "", ""
+    if not math.isnan(parameter.standard_error):
+        interval = " to ".join(format_number(value) for value in parameter.interval95)
+        note = "within chance" if not parameter.significant else ""
+    if not parameter.observable:
+        note = "not observable"
     values = (format_number(parameter.configured), format_number(parameter.value))
-    return (parameter.key, *values, error, parameter.unit, note)
+    return (parameter.key, *values, interval, parameter.unit, note)

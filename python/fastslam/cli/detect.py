@@ -27,7 +27,9 @@ def detect_landmarks(
         Path | None, typer.Option(help="Instead: an HTML page with a slider over all scans.", metavar="FILE")
     ] = None,
 ) -> None:
-    """Detect landmarks in the laser scans of a log, and draw one scan or all with segments and detections.
+    """Detect landmarks in the laser scans of a log, and draw one scan or all with what was found.
+
+    Colours and labels say why a piece of a scan is no landmark: too few beams, too wide, hidden, a poor fit.
 
     Settings come from: defaults < those of the log's scans < --config < --set (keys in docs/detectors.md).
 

@@ -65,6 +65,7 @@ def simulate_log(
     Examples:
       fastslam simulate my-log
       fastslam simulate orchard --preset orchard --seed 3
+      fastslam simulate rocks --preset rover
       fastslam simulate large --preset headline --landmarks 100000
       fastslam simulate clutter --set scan.clutter_per_scan=2 --set scan.detection_probability=0.8
       fastslam simulate square --path waypoints --set "trajectory.points_m=[[5, 5], [45, 5], [45, 35]]"
@@ -81,4 +82,7 @@ def simulate_log(
     write_native(log, out)
     write_atomically(out / SETTINGS_FILE, complete.dump())
     truth = 0 if log.truth_landmarks is None else len(log.truth_landmarks.names)
-    typer.echo(f"{out}: {len(log.sightings.stamp_s):,} sightings of {truth:,} landmarks")
+    seen = f"{len(log.sightings.stamp_s):,} sightings of {truth:,} landmarks"
+    if log.scans is not None:
+        seen = f"{len(log.scans.stamp_s):,} laser scans among {truth:,} rocks"
+    typer.echo(f"{out}: {seen}")

@@ -1,9 +1,10 @@
 """Victoria Park from raw scans: the 2003 ASCII edition, whose laser file is a single line.
 
 All times are seconds on the clock of the extracted features (from the first GPS fix). Quirks handled: the
-laser file has no line breaks; beam 0 points right; GPS rows have north before east; the state is the pose of
-the LASER. Where the folder of the extracted features lies beside it, its 4466 position fixes are taken, not
-the 948 that the ASCII edition kept. There are no sightings until a detector has made them from the scans.
+laser file has no line breaks; beam 0 points right; GPS rows have north before east; the steering is brought
+to the calibration of the other edition; the state is the pose of the LASER. Where the folder of the extracted
+features lies beside it, its 4466 position fixes are taken, not the 948 that the ASCII edition kept. There are
+no sightings until a detector has made them from the scans.
 """
 
 from __future__ import annotations
@@ -24,16 +25,21 @@ FOLDER = "ascii_2003"
 FILES = ("LASER.txt", "DRS.txt", "GPS.txt")
 BEAMS = 361
 NO_RETURN_M = 80.0
-# Noise of this scanner on bark; the extra noise is that of trunks that lean and are no circles.
+# From the steering of this edition to that of the other: exactly linear, and worth 0.1 m of GPS error.
+STEERING_SCALE, STEERING_OFFSET_RAD = 0.94412, -0.002464
+# Noise of this scanner on bark; the extra noise is that of trunks that lean and are no circles. What stands
+# 4 m before anything else is a trunk even if one beam hits it; nearer to others are bushes and people.
 DETECTOR: dict[str, Any] = {
     "kind": "trunks",
     "trunks": {
         "range_std_m": 0.06,
         "roughness_std_m": 0.05,
+        "min_beams": 1,
+        "min_clearance_m": 4.0,
         "max_diameter_m": 1.5,
-        "max_range_m": 50.0,
+        "max_range_m": 40.0,
         "extra_range_std_m": 0.5,
-        "extra_bearing_std_rad": 0.026,
+        "extra_bearing_std_rad": 0.022,
     },
 }
 
@@ -48,7 +54,9 @@ def load(path: Path, options: LoadOptions) -> Log:
     folder = path / FOLDER if (path / FOLDER).is_dir() else path
     drive = require_file(folder, "DRS.txt")
     rows = read_table(drive, 3)
-    controls, problems = clean_controls(rows[:, 0], rows[:, 1:], path=drive)
+    steering_rad = STEERING_SCALE * rows[:, 2] + STEERING_OFFSET_RAD
+    values = np.column_stack([rows[:, 1], steering_rad])
+    controls, problems = clean_controls(rows[:, 0], values, path=drive)
     return Log(
         name="victoria_park_scans",
         source=str(path),

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import DataError
-from ..log import Floats, Ints, TruthLandmarks
+from ..log import Bools, Floats, Ints, TruthLandmarks
 from ..result import LandmarkMap
 from .align import RigidTransform, align_points
 from .assignment import Gospa, assign_points, gospa
@@ -28,7 +28,8 @@ class LandmarkMatching:
 
     `identities` are the ids that name a true landmark; every other estimate is matched by position.
     `initial` is `T_truth_estimate` from the paths where those are known; else it is searched for (seeded).
-    `min_sightings` leaves out estimates seen less often; None is 1 for identities and 5 for the others.
+    `min_sightings` leaves out estimates seen less often; None leaves out those that are provisional, and
+    where the map does not say, is 1 for identities and 5 for the others.
     """
 
     identities: Collection[str] = ()
@@ -94,12 +95,20 @@ def landmark_errors(
     _check(estimate, truth)
     identities = set(how.identities)
     named = np.array([name in identities for name in estimate.ids], dtype=bool)
-    usual = np.where(named, MIN_SIGHTINGS_KNOWN, MIN_SIGHTINGS_UNKNOWN)
-    least = usual if how.min_sightings is None else how.min_sightings
-    kept = np.flatnonzero(estimate.sightings >= least)
+    kept = np.flatnonzero(_considered(estimate, named, how.min_sightings))
     names = [estimate.ids[row] if named[row] else None for row in kept]
     points_m = estimate.mean_m[kept]
     return _measure(kept, points_m, truth, match=_match(names, points_m, truth, how), how=how)
+
+
+def _considered(estimate: LandmarkMap, named: Bools, min_sightings: int | None) -> Bools:
+    """Which estimates are landmarks at all."""
+    if min_sightings is not None:
+        return np.asarray(estimate.sightings >= min_sightings)
+    if estimate.confirmed is not None:
+        return np.asarray(named | estimate.confirmed)
+    least = np.where(named, MIN_SIGHTINGS_KNOWN, MIN_SIGHTINGS_UNKNOWN)
+    return np.asarray(estimate.sightings >= least)
 
 
 def _check(estimate: LandmarkMap, truth: TruthLandmarks) -> None:

@@ -73,7 +73,7 @@ class EvaluationOptions:
     gospa_cutoff_m: float | None = None
     """None: two gates."""
     min_sightings: int | None = None
-    """None: 1 for ids that are identities, 5 for the others."""
+    """None: all landmarks but the provisional ones."""
     identities: Literal["auto", "known", "unknown"] = "auto"
     """Whether ids that occur among the log's names are identities; `auto` asks the run's configuration."""
     max_gap_s: float | None = None

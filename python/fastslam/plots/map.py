@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
+from matplotlib.colors import is_color_like, to_hex
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
@@ -42,13 +44,22 @@ def plot_map(axis: Axes, result: RunResult, log: Log, *, evaluation: Evaluation 
         }
         axis.plot(*path[0, :2], marker="^", markerfacecolor=style.GOOD, label="start", **ends)
         axis.plot(*path[-1, :2], marker="s", markerfacecolor=style.EVENT, label="end", **ends)
-    _plot_landmarks(axis, result.landmarks)
+    confirmed = result.landmarks.confirmed
+    kept = np.full(len(result.landmarks.ids), True) if confirmed is None else confirmed
+    _plot_provisional(axis, result.landmarks.mean_m[~kept])
+    groups = landmark_groups(result.landmarks)
+    for group in groups:
+        _plot_landmarks(axis, group)
+    if groups:
+        proxy = Line2D([], [], marker="o", markersize=9, linestyle="none", color=groups[0].color)
+        proxy.set(markerfacecolor=groups[0].color + "30", label=f"{ELLIPSE_SIGMAS:g}σ ellipse")
+        axis.add_line(proxy)
     axis.set_aspect("equal", adjustable="datalim")
     for side in (axis.xaxis, axis.yaxis):
         side.set_major_locator(MaxNLocator(nbins=9, steps=[1, 2, 5, 10]))
     axis.set_xlabel("x in world [m]")
     axis.set_ylabel("y in world [m]")
-    axis.set_title(f"Map and path, {len(result.landmarks.ids):,} landmarks")
+    axis.set_title(f"Map and path, {np.count_nonzero(kept):,} landmarks")
     if axis.get_legend_handles_labels()[0]:
         style.legend_below(axis)
     return axis
@@ -70,12 +81,61 @@ def _plot_path(axis: Axes, poses: Floats, **line: Any) -> None:
         axis.plot(poses[:, 0], poses[:, 1], **line, rasterized=style.is_heavy(len(poses)))
 
 
-def _plot_landmarks(axis: Axes, landmarks: LandmarkMap) -> None:
-    count = len(landmarks.ids)
-    if count == 0:
+@dataclass(frozen=True)
+class LandmarkGroup:
+    """Confirmed landmarks of one class. Shapes: `mean_m` (K, 2), `covariance_m2` (K, 2, 2)."""
+
+    label: str
+    color: str
+    is_classed: bool
+    mean_m: Floats
+    covariance_m2: Floats
+
+
+def landmark_groups(landmarks: LandmarkMap) -> list[LandmarkGroup]:
+    """The confirmed landmarks by class, each class in the colour that it names or one of the palette."""
+    kept = np.full(len(landmarks.ids), True) if landmarks.confirmed is None else landmarks.confirmed
+    names = np.array([landmarks.class_name(row) for row in range(len(landmarks.ids))], dtype=object)
+    known = sorted({name for name in names[kept] if name})
+    groups = []
+    for name in ["", *known]:
+        rows = kept & (names == name)
+        if rows.any():
+            color = style.LANDMARK if not name else class_color(name, known.index(name))
+            label = "landmark" if not known else f"landmark, {name or 'class unknown'}"
+            groups.append(
+                LandmarkGroup(label, color, bool(name), landmarks.mean_m[rows], landmarks.covariance_m2[rows])
+            )
+    return groups
+
+
+def class_color(name: str, number: int) -> str:
+    """The colour that a class is named after (`blue`, `large orange cone`), else one of the palette.
+
+    Yellow is darkened: on white paper the pure one cannot be seen.
+    """
+    named = [word for word in name.lower().replace("_", " ").split() if is_color_like(word) and len(word) > 2]
+    if not named:
+        return style.CLASSES[number % len(style.CLASSES)]
+    return style.DARK_YELLOW if named[0] == "yellow" else to_hex(named[0])
+
+
+def _plot_provisional(axis: Axes, mean_m: Floats) -> None:
+    """Landmarks that are not yet believed, faint and without ellipses."""
+    if len(mean_m) == 0:
         return
+    dots: dict[str, Any] = {"marker": ".", "markersize": 2.5, "linestyle": "none", "color": style.MUTED}
+    dots |= {"alpha": 0.5, "zorder": 1.6, "label": "landmark, provisional"}
+    axis.plot(*mean_m.T, **dots, rasterized=style.is_heavy(10 * len(mean_m)))
+
+
+def _plot_landmarks(axis: Axes, landmarks: LandmarkGroup) -> None:
+    count = len(landmarks.mean_m)
     dots: dict[str, Any] = {"marker": "o", "markersize": 3.5 if count <= 500 else 1.5, "linestyle": "none"}
-    dots |= {"color": style.LANDMARK, "label": "landmark", "zorder": 6}
+    dots |= {"color": landmarks.color, "label": landmarks.label, "zorder": 6}
+    if landmarks.is_classed and count <= 500:
+        # Large enough to be told by its colour under the cross of its true place.
+        dots["markersize"] = 6.0
     if count > MAX_CLEAR_LANDMARKS:
         dots |= {"marker": ".", "markersize": 0.8, "zorder": 1.5, "alpha": 0.4}
     axis.plot(*landmarks.mean_m.T, **dots, rasterized=style.is_heavy(10 * count))
@@ -87,16 +147,13 @@ def _plot_landmarks(axis: Axes, landmarks: LandmarkMap) -> None:
         units="xy",
         offsets=landmarks.mean_m,
         offset_transform=axis.transData,
-        facecolors=style.LANDMARK + "30",
-        edgecolors=style.LANDMARK if count <= MAX_CLEAR_LANDMARKS else "none",
+        facecolors=landmarks.color + "30",
+        edgecolors=landmarks.color if count <= MAX_CLEAR_LANDMARKS else "none",
         linewidths=0.9 if count <= 500 else 0.4,
         zorder=5 if count <= MAX_CLEAR_LANDMARKS else 1.4,
         rasterized=style.is_heavy(10 * count),
     )
     axis.add_collection(ellipses)
-    proxy = Line2D([], [], marker="o", markersize=9, linestyle="none", color=style.LANDMARK)
-    proxy.set(markerfacecolor=style.LANDMARK + "30", label=f"{ELLIPSE_SIGMAS:g}σ ellipse")
-    axis.add_line(proxy)
 
 
 def _plot_truth(axis: Axes, log: Log, found: Evaluation) -> None:

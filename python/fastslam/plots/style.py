@@ -22,6 +22,8 @@ TRUTH = "#4d5560"
 BAND = "#56b4e9"
 EVENT = "#cc79a7"
 GOOD = "#009e73"
+CLASSES = ("#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#d55e00")
+DARK_YELLOW = "#c9a400"
 """Okabe and Ito's palette for data; greys for everything else."""
 
 MAX_VECTOR_POINTS = 20_000

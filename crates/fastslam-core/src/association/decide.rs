@@ -1,5 +1,7 @@
 //! The decision of one particle about one scan.
 
+use super::joint::{joint_gates, MOST_JOINT};
+use super::settings::{Appearance, Method};
 use crate::config::{AssociationOrder, Config, Exclusion};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
 use crate::landmark::{column, fit_with_tail, innovation_covariance, Fit, Gaussian, Measured, Tail, LN_TAU};
@@ -49,6 +51,8 @@ pub struct ScanSighting {
     pub measured: Measured,
     /// Identity, where somebody says it.
     pub identity: Option<u32>,
+    /// What it looks like, where the detector says so.
+    pub appearance: Appearance,
 }
 
 /// Landmarks that some particle might have seen in a scan, with their rows.
@@ -153,6 +157,9 @@ pub struct FitTable {
     first_pair: Vec<usize>,
     /// Log-likelihoods, then squared Mahalanobis distances, of all particles; per pair.
     values: Vec<f64>,
+    /// What else speaks for each pair, as a logarithm and apart from the place: one number per particle and pair, or
+    /// none at all.
+    evidence: Vec<f64>,
     particles: usize,
 }
 
@@ -168,6 +175,7 @@ impl FitTable {
             pairs += candidates.len();
         }
         self.values.resize(2 * self.particles * pairs, 0.0);
+        self.evidence.clear();
         let mut columns = self.values.chunks_exact_mut(2 * self.particles.max(1));
         for (j, candidates) in table.of_sighting.iter().enumerate() {
             for (candidate, columns) in candidates.iter().zip(&mut columns) {
@@ -175,6 +183,29 @@ impl FitTable {
                 fill(j, *candidate, log_likelihood, mahalanobis_squared);
             }
         }
+    }
+
+    /// Adds to every pair what speaks for it apart from the place: `add` gets the sighting, the candidate, and a column
+    /// of zeros to add logarithms to.
+    pub fn add_evidence(&mut self, table: &CandidateTable, mut add: impl FnMut(usize, u32, &mut [f64])) {
+        let n = self.particles;
+        self.evidence.resize(self.values.len() / 2, 0.0);
+        let pairs = table.of_sighting.iter().enumerate().flat_map(|(j, c)| c.iter().map(move |c| (j, *c)));
+        for (pair, (j, candidate)) in pairs.enumerate() {
+            let evidence = &mut self.evidence[pair * n..][..n];
+            add(j, candidate, evidence);
+            let log_likelihood = &mut self.values[2 * pair * n..][..n];
+            log_likelihood.iter_mut().zip(evidence).for_each(|(value, more)| *value += *more);
+        }
+    }
+
+    /// What else speaks for a pair.
+    #[inline(always)]
+    fn evidence(&self, sighting: usize, place: usize, particle: usize) -> f64 {
+        if self.evidence.is_empty() {
+            return 0.0;
+        }
+        self.evidence[self.particles * (self.first_pair[sighting] + place) + particle]
     }
 
     /// The fit of the candidate that stands at `place` among those of a sighting.
@@ -188,18 +219,27 @@ impl FitTable {
 /// What deciding about a scan needs to remember; kept from particle to particle.
 #[derive(Clone, Debug, Default)]
 pub struct Scratch {
-    used: Vec<u32>,
-    order: Vec<usize>,
-    margins: Vec<f64>,
+    pub(super) used: Vec<u32>,
+    pub(super) order: Vec<usize>,
+    pub(super) margins: Vec<f64>,
+    pub(super) weights: Vec<f64>,
 }
 
 /// The rules of association with their thresholds worked out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rules {
+    /// How one explanation is chosen.
+    pub method: Method,
     /// A sighting belongs to its likeliest landmark when the squared Mahalanobis distance is at most this.
     pub gate: f64,
-    /// ln of the density below which a sighting is a new landmark.
+    /// ln of the density below which a sighting is a new landmark: that of new landmarks and clutter together.
     pub log_new_density: f64,
+    /// The log-odds that a new landmark exists, where clutter is modelled.
+    pub initial_log_odds: Option<f64>,
+    /// ln of the most by which anything but the place can raise a likelihood.
+    pub log_most_evidence: f64,
+    /// The squared joint distance at which so many pairs together are still accepted.
+    pub joint_gates: [f64; MOST_JOINT + 1],
     /// What one landmark may explain.
     pub exclusion: Exclusion,
     /// Order of the decisions.
@@ -222,9 +262,14 @@ impl Rules {
             },
             math::ln,
         );
+        let density = math::exp(log_new_density);
         Self {
+            method: association.method,
             gate: gate(association.gate_probability),
-            log_new_density,
+            log_new_density: association.clutter_density.map_or(log_new_density, |clutter| math::ln(density + clutter)),
+            initial_log_odds: association.clutter_density.map(|clutter| math::ln(density / clutter)),
+            log_most_evidence: association.log_most_evidence(),
+            joint_gates: joint_gates(association.gate_probability),
             exclusion: association.exclusion,
             order: association.order,
             likelihood_exponent: config.filter.likelihood_exponent,
@@ -235,7 +280,7 @@ impl Rules {
     /// most that with the sensor's noise alone.
     pub fn gate_radius<M: MeasurementModel>(&self, model: &M, tail: Tail) -> f64 {
         let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
-        tail.reach(peak - self.log_new_density)
+        tail.reach(peak + self.log_most_evidence - self.log_new_density)
     }
 }
 
@@ -377,12 +422,29 @@ fn dot2(a: [f64; 2], b: [f64; 2]) -> f64 {
 
 /// The best explanation of a sighting that is still undecided.
 #[derive(Clone, Copy)]
-struct Choice {
-    best: Option<(u32, Fit)>,
+pub(super) struct Choice {
+    pub(super) best: Option<(u32, Fit)>,
     /// By how much (in log-likelihood) it is better than the next explanation.
-    margin: f64,
+    pub(super) margin: f64,
     /// Somebody says so: believed wherever the landmark lies.
-    certain: bool,
+    pub(super) certain: bool,
+}
+
+impl Choice {
+    /// What maximum likelihood makes of it, with the log-likelihood of that.
+    pub(super) fn decision(&self, rules: &Rules) -> (Decision, f64) {
+        match self.best {
+            Some((candidate, fit)) if self.certain => (Decision::Landmark(candidate), fit.log_likelihood),
+            Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
+                if fit.mahalanobis_squared <= rules.gate {
+                    (Decision::Landmark(candidate), fit.log_likelihood)
+                } else {
+                    (Decision::Ignored, rules.log_new_density)
+                }
+            }
+            _ => (Decision::New, rules.log_new_density),
+        }
+    }
 }
 
 /// One map with a belief about the pose, as the rules of association see it.
@@ -416,6 +478,13 @@ pub struct ParticleHypothesis<'a, M> {
     pub refined: Option<(Belief, Pose)>,
 }
 
+// Derived, it would ask the model for the same.
+impl<M> Clone for ParticleHypothesis<'_, M> {
+    fn clone(&self) -> Self {
+        Self { ..*self }
+    }
+}
+
 impl<M: MeasurementModel> Hypothesis for ParticleHypothesis<'_, M> {
     fn pose_is_certain(&self) -> bool {
         self.belief.covariance == [[0.0; 3]; 3]
@@ -427,7 +496,9 @@ impl<M: MeasurementModel> Hypothesis for ParticleHypothesis<'_, M> {
             None => self.table.holds(candidate, self.particle).then(|| self.fits.get(sighting, place, self.particle)),
             Some((belief, T_world_sensor)) => {
                 let landmark = self.table.gaussian(candidate, self.particle)?;
-                Some(belief.judge(&belief.view(self.model, *T_world_sensor, &landmark, measured)))
+                let mut fit = belief.judge(&belief.view(self.model, *T_world_sensor, &landmark, measured));
+                fit.log_likelihood += self.fits.evidence(sighting, place, self.particle);
+                Some(fit)
             }
         }
     }
@@ -467,17 +538,7 @@ pub fn decide<H: Hypothesis>(
     used.clear();
     for &mut index in order {
         let choice = best_choice(rules, (index, &scan[index]), &of_sighting[index], hypothesis, used);
-        let (decision, log_density) = match choice.best {
-            Some((candidate, fit)) if choice.certain => (Decision::Landmark(candidate), fit.log_likelihood),
-            Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
-                if fit.mahalanobis_squared <= rules.gate {
-                    (Decision::Landmark(candidate), fit.log_likelihood)
-                } else {
-                    (Decision::Ignored, rules.log_new_density)
-                }
-            }
-            _ => (Decision::New, rules.log_new_density),
-        };
+        let (decision, log_density) = choice.decision(rules);
         if let Decision::Landmark(candidate) = decision {
             hypothesis.accept(candidate, &scan[index]);
             if rules.exclusion == Exclusion::OneSighting {
@@ -496,7 +557,7 @@ pub fn decide<H: Hypothesis>(
 /// **Why:** a sure sighting refines the pose, and the smaller uncertainty then decides the doubtful ones. The order is
 /// that of the belief before the scan; judging it anew after every decision costs the square of the sightings and gains
 /// nothing that the logs show.
-fn order_decisions<H: Hypothesis>(
+pub(super) fn order_decisions<H: Hypothesis>(
     rules: &Rules,
     scan: &[ScanSighting],
     of_sighting: &[Vec<u32>],
@@ -518,7 +579,7 @@ fn order_decisions<H: Hypothesis>(
 }
 
 /// The likeliest landmark of a sighting under one hypothesis. Ties go to the older landmark.
-fn best_choice<H: Hypothesis>(
+pub(super) fn best_choice<H: Hypothesis>(
     rules: &Rules,
     (index, sighting): (usize, &ScanSighting),
     candidates: &[u32],

@@ -74,11 +74,11 @@ pub(super) fn algebraic(points: &[[f64; 2]]) -> Option<([f64; 2], f64)> {
 /// Gauss–Newton on the distances of the points from the circle, the tangents at the free ends and, where an end is
 /// hidden, the prior of the radius.
 ///
-/// The distance of a point is its range beyond where the beam meets the circle, times the cosine of the incidence φ.
-/// Incidence and normal come from how far the beam passes the centre, which the error of its range does not change: taken
-/// from the measured point they would correlate with that error and draw the centre towards the sensor. Points count
+/// Incidence φ and normal come from how far the beam passes the centre, which the error of its range does not change:
+/// taken from the measured point they would correlate with that error and draw the centre towards the sensor. Points count
 /// with the variance σ_r² / cos²φ + (r σ_b sin φ)² plus that of the surface: by the range alone grazing points would
-/// count most, and as a grazing point goes with an edge just beyond it, that too would draw the centre in.
+/// count most, and as a grazing point goes with an edge just beyond it, that too would draw the centre in. The rest of
+/// the bias, to second order, is taken off at the end.
 pub(super) fn refine(arc: &Arc, start: ([f64; 2], f64), noise: &Noise) -> Option<Circle> {
     let (mut center, mut radius) = start;
     let (mut information, mut residual) = ([[0.0; 3]; 3], 0.0);
@@ -97,39 +97,81 @@ pub(super) fn refine(arc: &Arc, start: ([f64; 2], f64), noise: &Noise) -> Option
     }
     let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|unit| solve(&information, unit));
     let [Some(a), Some(b), Some(c)] = columns else { return None };
+    let covariance = [a, b, c];
+    let bias = solve(&information, curvature(arc, (center, radius), &covariance, noise))?;
+    center = [center[0] - bias[0], center[1] - bias[1]];
+    radius = (radius - bias[2]).max(0.2 * radius);
     let finite = radius.is_finite() && center.iter().all(|v| v.is_finite());
-    finite.then_some(Circle { center, radius, covariance: [a, b, c], normalized_residual: residual })
+    finite.then_some(Circle { center, radius, covariance, normalized_residual: residual })
 }
 
 const MAX_ITERATIONS: usize = 15;
 /// Keeps the weight of a beam that only touches the circle above zero.
 const MIN_COSINE_SQUARED: f64 = 1e-4;
 
+/// How a beam meets the circle.
+struct Look {
+    range: f64,
+    /// Unit vector of the beam.
+    direction: [f64; 2],
+    /// Of the angle of incidence.
+    sine: f64,
+    cosine: f64,
+}
+
+fn look(point: [f64; 2], (center, radius): ([f64; 2], f64)) -> Look {
+    let range = norm(point).max(1e-9);
+    let d = [point[0] / range, point[1] / range];
+    let across = center[0] * d[1] - center[1] * d[0];
+    let sine = (across / radius).clamp(-1.0, 1.0);
+    Look { range, direction: d, sine, cosine: (1.0 - sine * sine).sqrt() }
+}
+
+impl Look {
+    /// Derivative of the distance from the circle, less its sign: the outward normal where the beam meets the circle, or
+    /// is nearest to it, and 1.
+    fn row(&self) -> [f64; 3] {
+        let d = self.direction;
+        [-self.cosine * d[0] - self.sine * d[1], -self.cosine * d[1] + self.sine * d[0], 1.0]
+    }
+
+    fn variance(&self, noise: &Noise) -> f64 {
+        let range_variance = noise.range_std_m * noise.range_std_m;
+        range_variance / (self.cosine * self.cosine).max(MIN_COSINE_SQUARED)
+            + (self.range * noise.beam_std_rad * self.sine).powi(2)
+            + noise.roughness_std_m * noise.roughness_std_m
+    }
+}
+
 type Normal<'a> = (&'a mut [[f64; 3]; 3], &'a mut [f64; 3]);
 
 /// Adds the points' equations and returns the root mean square of their normalised residuals.
 fn add_points(arc: &Arc, (center, radius): ([f64; 2], f64), noise: &Noise, normal: Normal) -> f64 {
-    let range_variance = noise.range_std_m * noise.range_std_m;
-    let beam_variance = noise.beam_std_rad * noise.beam_std_rad;
     let mut sum = 0.0;
     for p in arc.points {
-        let range = norm(*p).max(1e-9);
-        let d = [p[0] / range, p[1] / range];
-        let along = center[0] * d[0] + center[1] * d[1];
-        let across = center[0] * d[1] - center[1] * d[0];
-        let sine = (across / radius).clamp(-1.0, 1.0);
-        let cosine = (1.0 - sine * sine).sqrt();
-        // Outward normal where the beam meets the circle, or is nearest to it.
-        let unit = [-cosine * d[0] + sine * -d[1], -cosine * d[1] + sine * d[0]];
-        let beside = (across.abs() - radius).max(0.0);
-        let error = (along - radius * cosine - range) * cosine + beside;
-        let variance = range_variance / (cosine * cosine).max(MIN_COSINE_SQUARED)
-            + range * range * beam_variance * sine * sine
-            + noise.roughness_std_m * noise.roughness_std_m;
+        let seen = look(*p, (center, radius));
+        let error = norm([p[0] - center[0], p[1] - center[1]]) - radius;
+        let variance = seen.variance(noise);
         sum += error * error / variance;
-        accumulate(normal.0, normal.1, [unit[0], unit[1], 1.0], error, 1.0 / variance);
+        accumulate(normal.0, normal.1, seen.row(), error, 1.0 / variance);
     }
     (sum / arc.points.len() as f64).sqrt()
+}
+
+/// Right-hand side of the equations for the bias of the fit: a centre that is off to one side by t looks t² / 2R too far
+/// from points in front of it, on the mean by tᵀCt / 2R with the unit tangent t.
+///
+/// **Source:** Box, "Bias in nonlinear estimation", J. R. Stat. Soc. B 33, 1971: −½ (JᵀWJ)⁻¹ JᵀW m, mᵢ = tr(C Hᵢ) with
+/// the second derivative Hᵢ = ttᵀ / R of the distance.
+fn curvature(arc: &Arc, at: ([f64; 2], f64), covariance: &[[f64; 3]; 3], noise: &Noise) -> [f64; 3] {
+    let (mut unused, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
+    for p in arc.points {
+        let seen = look(*p, at);
+        let [x, y, _] = seen.row();
+        let spread = y * y * covariance[0][0] - 2.0 * x * y * covariance[0][1] + x * x * covariance[1][1];
+        accumulate(&mut unused, &mut right, seen.row(), 0.5 * spread / at.1, 1.0 / seen.variance(noise));
+    }
+    right
 }
 
 /// Adds the equation of each free end: the line of sight halfway to the first beam beside the object touches the circle,

@@ -4,6 +4,7 @@ use super::beams::{Beams, Echo};
 use super::circle::norm;
 use super::line::{self, Line};
 use super::segments::{self, Cut, Segment};
+use super::verdict::{Piece, Verdict};
 use super::{to_polar, Detection, Detector};
 use crate::error::{non_negative, positive, Error, Result};
 use crate::math;
@@ -33,7 +34,7 @@ pub struct Corners {
     pub min_angle_rad: f64,
     /// Largest root mean square distance of the points from their line.
     pub max_residual_m: f64,
-    /// The lines must meet this close to the end of each wall.
+    /// The lines must meet this close to an echo between the walls.
     pub max_gap_m: f64,
     /// Standard deviation of one range.
     pub range_std_m: f64,
@@ -82,7 +83,8 @@ impl Corners {
 
 impl Detector {
     pub(super) fn corners(&mut self, found: &mut Vec<Detection>) {
-        let Self { config, beams, segments, lines, .. } = self;
+        let Self { config, beams, segments, lines, pieces, walls, .. } = self;
+        walls.clear();
         let settings = &config.corners;
         let cut = Cut {
             jump_m: settings.jump_m,
@@ -90,12 +92,23 @@ impl Detector {
             bridge_beams: settings.bridge_beams as usize,
         };
         segments::split(beams, cut, segments);
-        let pieces = segments.len();
-        for k in 0..pieces {
-            straight_lines(settings, beams, (k, pieces), segments, lines);
-            for pair in lines.windows(2) {
-                found.extend(corner(settings, beams, &pair[0], &pair[1]));
+        let count = segments.len();
+        for k in 0..count {
+            straight_lines(settings, beams, (k, count), segments, lines);
+            let start = pieces.len();
+            pieces.extend(lines.iter().map(|line| piece(settings, beams, line)));
+            let mut before: Option<usize> = None;
+            for j in (0..lines.len()).filter(|&j| pieces[start + j].verdict == Verdict::NoCorner) {
+                let met = before.and_then(|i| corner(settings, beams, &lines[i], &lines[j]).map(|corner| (i, corner)));
+                if let Some((i, corner)) = met {
+                    walls.extend([start + i, start + j]);
+                    found.push(corner);
+                }
+                before = Some(j);
             }
+        }
+        for &wall in walls.iter() {
+            pieces[wall].verdict = Verdict::Detected;
         }
     }
 }
@@ -143,24 +156,44 @@ fn farthest(beams: &Beams, part: Segment) -> Option<(usize, f64)> {
         .max_by(|x, y| x.1.total_cmp(&y.1))
 }
 
-fn corner(settings: &Corners, beams: &Beams, a: &Line, b: &Line) -> Option<Detection> {
-    let straight = |line: &Line| {
-        line.hits >= settings.min_beams as usize
-            && line.length >= settings.min_length_m
-            && line.residual <= settings.max_residual_m
-    };
-    if !(straight(a) && straight(b)) {
-        return None;
+/// Whether a part is a wall.
+fn judge(settings: &Corners, line: &Line) -> Verdict {
+    if line.hits < settings.min_beams as usize {
+        Verdict::TooFewBeams
+    } else if line.length < settings.min_length_m {
+        Verdict::TooSmall
+    } else if line.residual > settings.max_residual_m {
+        Verdict::PoorFit
+    } else {
+        Verdict::NoCorner
     }
+}
+
+fn piece(settings: &Corners, beams: &Beams, line: &Line) -> Piece {
+    Segment { first: line.first, last: line.last, hits: line.hits }.piece(beams, judge(settings, line))
+}
+
+/// The corner of two walls that follow each other.
+fn corner(settings: &Corners, beams: &Beams, a: &Line, b: &Line) -> Option<Detection> {
     let sine = (a.normal[0] * b.normal[1] - a.normal[1] * b.normal[0]).abs();
     if sine < math::sin_cos(settings.min_angle_rad.min(std::f64::consts::FRAC_PI_2)).0 {
         return None;
     }
-    let (point, covariance) = line::intersection(a, b)?;
-    let end = beams.point(beams.index(a.last));
-    if norm([point[0] - end[0], point[1] - end[1]]) > settings.max_gap_m {
+    let (point, _) = line::intersection(a, b)?;
+    // Where a corner was cut a beam or two off, scraps of wall lie between its two walls.
+    let between = (a.last..=b.first).map(|i| beams.index(i)).filter(|&i| beams.echo[i] == Echo::Hit);
+    let gaps = between.map(|i| beams.point(i)).map(|p| norm([point[0] - p[0], point[1] - p[1]]));
+    if gaps.fold(f64::INFINITY, f64::min) > settings.max_gap_m || b.first - a.last > settings.min_beams as usize {
         return None;
     }
+    // Echoes this close to the corner may be of either wall.
+    let clear = |i: usize| {
+        let p = beams.point(beams.index(i));
+        beams.echo[beams.index(i)] == Echo::Hit && norm([point[0] - p[0], point[1] - p[1]]) > settings.split_m
+    };
+    let ends = ((a.first..=a.last).rev().find(|&i| clear(i))?, (b.first..=b.last).find(|&i| clear(i))?);
+    let refit = |first, last| line::fit(beams, counted(beams, first, last), settings.range_std_m);
+    let (point, covariance) = line::intersection(&refit(a.first, ends.0)?, &refit(ends.1, b.last)?)?;
     let (range_m, bearing_rad, covariance) = to_polar(point, covariance)?;
     Some(Detection {
         range_m,

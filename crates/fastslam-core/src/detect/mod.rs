@@ -12,11 +12,14 @@ mod segments;
 #[cfg(test)]
 mod tests;
 mod trunks;
+mod verdict;
+mod wall;
 
 pub use beams::BeamGeometry;
 pub use corners::Corners;
 pub use reflectors::Reflectors;
 pub use trunks::Trunks;
+pub use verdict::{Piece, Verdict};
 
 use crate::error::{finite, Error, Result};
 use crate::geometry::Symmetric2;
@@ -108,6 +111,8 @@ pub struct Detector {
     scratch: Vec<[f64; 2]>,
     values: Vec<f64>,
     lines: Vec<line::Line>,
+    pieces: Vec<Piece>,
+    walls: Vec<usize>,
 }
 
 impl Detector {
@@ -121,6 +126,8 @@ impl Detector {
             scratch: Vec::new(),
             values: Vec::new(),
             lines: Vec::new(),
+            pieces: Vec::new(),
+            walls: Vec::new(),
         })
     }
 
@@ -129,6 +136,7 @@ impl Detector {
     /// **Errors:** a geometry that makes no sense, a twist that is not finite, or intensities of another number than
     /// the ranges. Ranges and intensities may hold anything.
     pub fn detect(&mut self, scan: &Scan, found: &mut Vec<Detection>) -> Result<usize> {
+        self.pieces.clear();
         check(scan)?;
         let before = found.len();
         self.beams.load(scan);
@@ -138,6 +146,11 @@ impl Detector {
             DetectorKind::Corners => self.corners(found),
         }
         Ok(found.len() - before)
+    }
+
+    /// The pieces that the last scan was cut into, in the order of the beams, and what became of them.
+    pub fn pieces(&self) -> &[Piece] {
+        &self.pieces
     }
 }
 

@@ -2,9 +2,11 @@
 
 use super::beams::{Beams, Echo};
 use super::segments::Segment;
+use super::verdict::Verdict;
 use super::{strongest, to_polar, Detection, Detector, Scan};
 use crate::error::{finite, non_negative, positive, Error, Result};
 use crate::geometry::Symmetric2;
+use crate::math;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -100,7 +102,15 @@ impl Detector {
         cluster(settings, beams, bright, &mut self.segments);
         for &segment in &self.segments {
             let members = || (segment.first..=segment.last).map(|i| beams.index(i)).filter(|&i| bright(i));
-            if segment.hits < settings.min_beams as usize || width(beams, segment) > settings.max_width_m {
+            let verdict = if segment.hits < settings.min_beams as usize {
+                Verdict::TooFewBeams
+            } else if width(beams, segment) > settings.max_width_m {
+                Verdict::TooWide
+            } else {
+                Verdict::Detected
+            };
+            self.pieces.push(segment.piece(beams, verdict));
+            if verdict != Verdict::Detected {
                 continue;
             }
             let (first, last) = (beams.index(segment.first), beams.index(segment.last));
@@ -108,7 +118,8 @@ impl Detector {
             let length = ((a[0] + b[0]).powi(2) + (a[1] + b[1]).powi(2)).sqrt();
             let toward = [(a[0] + b[0]) / length, (a[1] + b[1]) / length];
             self.values.clear();
-            self.values.extend(members().map(|i| axis_range(settings, beams, i, toward)));
+            let axis = (toward, play(settings, beams, segment));
+            self.values.extend(members().map(|i| axis_range(settings, beams, i, axis)));
             let range = median(&mut self.values);
             let origin = beams.origin[beams.index((segment.first + segment.last) / 2)];
             let center = [origin[0] + range * toward[0], origin[1] + range * toward[1]];
@@ -155,12 +166,35 @@ fn width(beams: &Beams, segment: Segment) -> f64 {
     ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).sqrt()
 }
 
-/// Distance of the axis of the post along `toward`, from what beam `i` says of its surface.
-fn axis_range(settings: &Reflectors, beams: &Beams, i: usize, toward: [f64; 2]) -> f64 {
+/// Distance of the axis of the post along `toward`, from what beam `i` says of its surface. The axis lies up to `play_m`
+/// beside that line: the depth of the post behind its surface is the mean over this interval.
+fn axis_range(settings: &Reflectors, beams: &Beams, i: usize, (toward, play_m): ([f64; 2], f64)) -> f64 {
     let (d, range) = (beams.direction[i], beams.range[i] - settings.range_bias_m);
     let along = range * (d[0] * toward[0] + d[1] * toward[1]);
     let across = range * (d[0] * toward[1] - d[1] * toward[0]);
-    along + (settings.radius_m * settings.radius_m - across * across).max(0.0).sqrt()
+    along + mean_depth(settings.radius_m, across - play_m, across + play_m)
+}
+
+/// Mean of √(R² − x²) for x from `low` to `high`, 0 beyond the circle.
+fn mean_depth(radius: f64, low: f64, high: f64) -> f64 {
+    let depth = |x: f64| (radius * radius - x * x).max(0.0).sqrt();
+    if high - low < 1e-6 * radius.max(1e-6) {
+        return depth(0.5 * (low + high));
+    }
+    let area = |x: f64| {
+        let x = x.clamp(-radius, radius);
+        0.5 * (x * depth(x) + radius * radius * math::atan2(x, depth(x)))
+    };
+    (area(high) - area(low)) / (high - low)
+}
+
+/// How far the axis of the post may lie beside the middle of the beams on it: not so far that another number of beams
+/// would have met it.
+fn play(settings: &Reflectors, beams: &Beams, segment: Segment) -> f64 {
+    let spacing = beams.range[beams.index(segment.first)] * beams.step.abs();
+    let width = (segment.last - segment.first) as f64 * spacing;
+    let inside = settings.radius_m - 0.5 * width;
+    inside.min(0.5 * width + spacing - settings.radius_m).max(0.0)
 }
 
 /// The median of a list that is not empty.

@@ -1,6 +1,7 @@
 //! Cuts a scan where the range jumps, and says what stands beside each piece.
 
 use super::beams::{Beams, Echo};
+use super::verdict::{Piece, Verdict};
 
 /// Beyond so many unknown beams nothing is said about where an object ends.
 const MAX_UNKNOWN_BEAMS: usize = 3;
@@ -11,6 +12,13 @@ pub(super) struct Segment {
     pub first: usize,
     pub last: usize,
     pub hits: usize,
+}
+
+impl Segment {
+    /// The segment with what became of it.
+    pub fn piece(&self, beams: &Beams, verdict: Verdict) -> Piece {
+        Piece { first_beam: beams.index(self.first) as u32, last_beam: beams.index(self.last) as u32, verdict }
+    }
 }
 
 /// When two neighbouring echoes are of one surface.
@@ -81,27 +89,34 @@ pub(super) fn beams_to_background(beams: &Beams, range: f64, after: impl Fn(usiz
     None
 }
 
+/// The m-th beam before a segment, from 1; None beyond the field of view.
+pub(super) fn before(beams: &Beams, segment: Segment, m: usize) -> Option<usize> {
+    if segment.first >= m {
+        Some(beams.index(segment.first - m))
+    } else if beams.closed && m <= beams.len() {
+        Some(segment.first + beams.len() - m)
+    } else {
+        None
+    }
+}
+
+/// The m-th beam after a segment, from 1; None beyond the field of view.
+pub(super) fn after(beams: &Beams, segment: Segment, m: usize) -> Option<usize> {
+    let (i, n) = (segment.last + m, beams.len());
+    if i < n {
+        Some(i)
+    } else if beams.closed && i - n < n {
+        Some(i - n)
+    } else {
+        None
+    }
+}
+
 /// For both ends of a segment (low index, high index), [`beams_to_background`].
 pub(super) fn free_ends(beams: &Beams, segment: Segment) -> [Option<usize>; 2] {
-    let n = beams.len();
-    let low = beams_to_background(beams, beams.range[beams.index(segment.first)], |m| {
-        if segment.first >= m {
-            Some(beams.index(segment.first - m))
-        } else if beams.closed && m <= n {
-            Some(segment.first + n - m)
-        } else {
-            None
-        }
-    });
-    let high = beams_to_background(beams, beams.range[beams.index(segment.last)], |m| {
-        let i = segment.last + m;
-        if i < n {
-            Some(i)
-        } else if beams.closed && i - n < n {
-            Some(i - n)
-        } else {
-            None
-        }
-    });
-    [low, high]
+    let (low, high) = (beams.range[beams.index(segment.first)], beams.range[beams.index(segment.last)]);
+    [
+        beams_to_background(beams, low, |m| before(beams, segment, m)),
+        beams_to_background(beams, high, |m| after(beams, segment, m)),
+    ]
 }

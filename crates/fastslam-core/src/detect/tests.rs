@@ -144,6 +144,29 @@ fn the_corner_of_two_walls_is_where_they_meet() {
 }
 
 #[test]
+fn every_piece_has_its_verdict() {
+    // A trunk, a grazing wall y = -1 from x = 4 on, one lone echo, and a trunk beyond the range.
+    let mut ranges = ranges(&geometry(), 361, &[[6.0, 2.0, 0.3], [76.0, 20.0, 1.5]], [0.0; 3]);
+    for (i, range) in ranges.iter_mut().enumerate().take(180) {
+        let (s, c) = math::sin_cos(-180.0 * STEP + i as f64 * STEP);
+        let wall = -1.0 / s;
+        *range = if wall * c > 4.0 && wall < 60.0 { wall } else { *range };
+    }
+    ranges[300] = 5.0;
+    let mut detector = Detector::new(DetectorConfig::default()).unwrap();
+    let mut found = Vec::new();
+    detector.detect(&scan(&ranges, geometry()), &mut found).unwrap();
+    assert_eq!(found.len(), 1, "{found:?}");
+    let verdicts: Vec<Verdict> = detector.pieces().iter().map(|piece| piece.verdict).collect();
+    for (verdict, count) in [(Verdict::Detected, 1), (Verdict::TooFar, 1), (Verdict::PoorFit, 1)] {
+        assert_eq!(verdicts.iter().filter(|&&v| v == verdict).count(), count, "{verdicts:?}");
+    }
+    assert!(verdicts.contains(&Verdict::TooFewBeams), "{verdicts:?}");
+    let hits: u32 = detector.pieces().iter().map(|piece| piece.last_beam - piece.first_beam + 1).sum();
+    assert_eq!(hits as usize, ranges.iter().filter(|r| r.is_finite()).count());
+}
+
+#[test]
 fn a_wrong_header_is_an_error_that_names_the_field() {
     let ranges = vec![5.0; 361];
     let wrong = [
@@ -243,6 +266,8 @@ proptest! {
                 prop_assert!(d.detection_probability > 0.0 && d.detection_probability <= 1.0);
                 prop_assert!((d.first_beam as usize) < ranges.len() && (d.last_beam as usize) < ranges.len());
             }
+            let beams = detector.pieces().iter().flat_map(|piece| [piece.first_beam, piece.last_beam]);
+            prop_assert!(beams.into_iter().all(|beam| (beam as usize) < ranges.len()));
         }
     }
 }

@@ -3,8 +3,10 @@
 use super::beams::{Beams, Echo};
 use super::circle::{self, norm, Arc, Circle, Edge, Noise};
 use super::segments::{self, Cut, Segment};
+use super::verdict::Verdict;
+use super::wall;
 use super::{strongest, to_polar, Detection, Detector, Scan};
-use crate::error::{non_negative, positive, Error, Result};
+use crate::error::{non_negative, positive, Error};
 use crate::geometry::Symmetric2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -86,7 +88,7 @@ impl Default for Trunks {
 
 impl Trunks {
     /// Errors that name the first parameter out of range.
-    pub fn validate(&self) -> Result<()> {
+    pub fn validate(&self) -> crate::error::Result<()> {
         positive("jump_m", self.jump_m)?;
         non_negative("jump_per_range", self.jump_per_range)?;
         positive("max_range_m", self.max_range_m)?;
@@ -136,7 +138,7 @@ impl Trunks {
 
 impl Detector {
     pub(super) fn trunks(&mut self, scan: &Scan, found: &mut Vec<Detection>) {
-        let Self { config, beams, segments, scratch, .. } = self;
+        let Self { config, beams, segments, scratch, pieces, .. } = self;
         let settings = &config.trunks;
         let cut = Cut {
             jump_m: settings.jump_m,
@@ -146,7 +148,9 @@ impl Detector {
         segments::split(beams, cut, segments);
         let beams = &*beams;
         for &segment in segments.iter() {
-            let Some((circle, origin, whole)) = fit(settings, beams, segment, scratch) else { continue };
+            let fitted = fit(settings, beams, segment, scratch);
+            pieces.push(segment.piece(beams, fitted.as_ref().err().copied().unwrap_or(Verdict::Detected)));
+            let Ok((circle, origin, whole)) = fitted else { continue };
             let center = [circle.center[0] + origin[0], circle.center[1] + origin[1]];
             let c = circle.covariance;
             let spread = settings.roughness_std_m * settings.roughness_std_m;
@@ -170,25 +174,27 @@ impl Detector {
 }
 
 /// The circle of one piece, relative to the place its middle beam was sent from, that place, and whether both ends are
-/// free; None for what is no round object.
+/// free; or why it is no round object.
 fn fit(
     settings: &Trunks,
     beams: &Beams,
     segment: Segment,
     points: &mut Vec<[f64; 2]>,
-) -> Option<(Circle, [f64; 2], bool)> {
+) -> Result<(Circle, [f64; 2], bool), Verdict> {
     if segment.hits < settings.min_beams as usize {
-        return None;
+        return Err(Verdict::TooFewBeams);
     }
     let (first, last) = (beams.index(segment.first), beams.index(segment.last));
-    let nearest = beams.range[first].min(beams.range[last]);
+    if beams.range[first].min(beams.range[last]) > settings.max_range_m {
+        return Err(Verdict::TooFar);
+    }
     // An object wider than the largest cannot pass: spare the fit.
-    if nearest > settings.max_range_m || chord(beams, first, last) > 1.2 * settings.max_diameter_m {
-        return None;
+    if chord(beams, first, last) > 1.2 * settings.max_diameter_m {
+        return Err(Verdict::TooWide);
     }
     let edges = edges(settings, beams, segment);
     if edges.iter().all(Option::is_none) {
-        return None;
+        return Err(Verdict::EndsHidden);
     }
     let origin = beams.origin[beams.index((segment.first + segment.last) / 2)];
     points.clear();
@@ -199,16 +205,36 @@ fn fit(
         },
     ));
     let arc = Arc { points, origin, edges };
-    let circle = circle::refine(&arc, start(settings, beams, segment, points), &settings.noise())?;
-    let largest = Symmetric2::new(circle.covariance[0][0], circle.covariance[0][1], circle.covariance[1][1]);
+    let noise = settings.noise();
+    let circle = circle::refine(&arc, start(settings, beams, segment, points), &noise).ok_or(Verdict::PoorFit)?;
+    judge(settings, &circle)?;
+    let whole = edges.iter().all(Option::is_some);
+    // Last, as few get here. What stands free on both sides is no part of a wall however flat it looks.
+    if wall::goes_on(beams, segment, &noise, settings.max_normalized_residual)
+        || !whole && wall::is_straight(beams, segment, &noise, circle.normalized_residual)
+    {
+        return Err(Verdict::Wall);
+    }
+    Ok((circle, origin, whole))
+}
+
+/// Whether a circle may be an object.
+fn judge(settings: &Trunks, circle: &Circle) -> Result<(), Verdict> {
+    let c = circle.covariance;
+    let variance = Symmetric2::new(c[0][0], c[0][1], c[1][1]).largest_eigenvalue();
     let diameter = 2.0 * circle.radius;
-    let accepted = diameter >= settings.min_diameter_m
-        && diameter <= settings.max_diameter_m
-        && circle.normalized_residual <= settings.max_normalized_residual
-        && largest.largest_eigenvalue() <= settings.max_center_std_m * settings.max_center_std_m
+    if diameter < settings.min_diameter_m {
+        Err(Verdict::TooSmall)
+    } else if diameter > settings.max_diameter_m {
+        Err(Verdict::TooWide)
+    } else if variance > settings.max_center_std_m * settings.max_center_std_m {
+        Err(Verdict::Uncertain)
+    } else if circle.normalized_residual <= settings.max_normalized_residual && norm(circle.center) > circle.radius {
         // The sensor is outside of what it sees.
-        && norm(circle.center) > circle.radius;
-    accepted.then_some((circle, origin, edges.iter().all(Option::is_some)))
+        Ok(())
+    } else {
+        Err(Verdict::PoorFit)
+    }
 }
 
 fn chord(beams: &Beams, first: usize, last: usize) -> f64 {

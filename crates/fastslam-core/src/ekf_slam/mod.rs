@@ -6,7 +6,7 @@
 mod associate;
 pub mod covariance;
 
-use crate::association::{by_robot_pose, Rules, ScanSighting};
+use crate::association::{by_robot_pose, Appearance, Rules, ScanSighting};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::filter::health::{View as FieldOfView, Vitals, Watch};
@@ -354,6 +354,10 @@ impl<M: MeasurementModel> EkfSlam<M> {
                 mean: self.landmark_mean(index),
                 covariance: self.landmark_covariance(index),
                 sightings: landmark.sightings,
+                confirmed: landmark.identity.is_some()
+                    || self.identities == Identities::All
+                    || landmark.sightings >= self.config.association.existence.confirmed_sightings,
+                appearance: Appearance::default(),
             })
             .collect();
         MapEstimate { landmarks }

@@ -1,6 +1,7 @@
 //! What the particles say together: the pose and the map, with the uncertainty of the whole mixture.
 
 use super::{mixture, FastSlam, Particles};
+use crate::association::Appearance;
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
@@ -19,6 +20,10 @@ pub struct MapLandmark {
     pub covariance: Symmetric2,
     /// Sightings in the best particle.
     pub sightings: u32,
+    /// Whether it was seen often enough to be believed; always where identities are known.
+    pub confirmed: bool,
+    /// What it looks like, where that is known: the likeliest class, and the mean signature.
+    pub appearance: Appearance,
 }
 
 /// The map of the best particle, each landmark averaged over all particles that share it.
@@ -111,9 +116,21 @@ impl<M: MeasurementModel> FastSlam<M> {
             } else {
                 known.identity
             };
-            landmarks.push(MapLandmark { birth: known.birth, identity, mean, covariance, sightings: sightings as u32 });
+            let confirmed = identity.is_some() || self.is_confirmed(slot, sightings);
+            let appearance = self.appearance_of(slot);
+            let (birth, sightings) = (known.birth, sightings as u32);
+            landmarks.push(MapLandmark { birth, identity, mean, covariance, sightings, confirmed, appearance });
         }
         MapEstimate { landmarks }
+    }
+
+    /// What a landmark looks like, over the particles that hold it.
+    fn appearance_of(&mut self, slot: u32) -> Appearance {
+        let rows = self.landmarks.read(slot);
+        let held = self.weights.values.iter().zip(rows.column(column::SIGHTINGS));
+        let weights: Vec<f64> = held.map(|(weight, count)| if *count == 0.0 { 0.0 } else { *weight }).collect();
+        let appearances = self.landmarks.appearances.as_mut();
+        appearances.map_or(Appearance::default(), |appearances| appearances.estimate(slot, &weights))
     }
 
     /// The landmarks of one particle's own map: slot birth, mean and covariance.

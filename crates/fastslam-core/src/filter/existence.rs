@@ -2,10 +2,12 @@
 //!
 //! **Source:** `montemerlo2003fastslam`, eq. 22: log-odds per particle and landmark, counted up when it is sighted and
 //! down when it lies in view and is not. They are kept apart from the Gaussians, which a missed landmark leaves alone.
+//! In place of fixed numbers they can follow Bayes' rule; and where the probability of a detection is known, a map that
+//! holds landmarks in view that were not sighted loses weight.
 
 use super::{FastSlam, Particles, StepInfo};
-use crate::association::{Box2, CandidateTable, Decision};
-use crate::config::Removal;
+use crate::association::{logistic, Box2, CandidateTable, Decision};
+use crate::config::{AssociationConfig, ExistenceForm, Removal};
 use crate::landmark::column;
 use crate::math;
 use crate::measurement::MeasurementModel;
@@ -15,9 +17,49 @@ use crate::vector::vectorized;
 pub(super) const COLUMNS: usize = 2;
 
 impl<M: MeasurementModel> FastSlam<M> {
-    /// Whether log-odds of existence are kept.
-    pub(super) fn removes_landmarks(&self) -> bool {
-        self.landmarks.existence.is_some() && self.config.association.existence.removal == Removal::WhenMissed
+    /// Whether scans are judged by what they should have shown.
+    pub(super) fn judges_existence(&self) -> bool {
+        let association = &self.config.association;
+        let counts = association.existence.removal == Removal::WhenMissed
+            || association.existence.form == ExistenceForm::Bayes
+            || association.detection_probability.is_some();
+        self.landmarks.existence.is_some() && counts
+    }
+
+    /// The log-odds of a landmark at its first sighting.
+    pub(super) fn initial_log_odds(&self) -> f64 {
+        let settings = &self.config.association.existence;
+        match (settings.form, self.rules.initial_log_odds) {
+            (ExistenceForm::Bayes, Some(log_odds)) => log_odds,
+            _ => settings.initial_log_odds,
+        }
+    }
+
+    /// Adds to every particle's number the odds that a landmark is sighted rather than missed, r P_D / (1 − r P_D), as
+    /// a logarithm.
+    ///
+    /// **Why:** every landmark in view costs ln(1 − r P_D), sighted or not ([`Self::judge_existence`]); a sighting takes
+    /// that back.
+    pub(super) fn add_detection_odds(&mut self, slot: u32, evidence: &mut [f64]) {
+        let Some(detection) = self.config.association.detection_probability else { return };
+        let Some(existence) = &mut self.landmarks.existence else { return };
+        let log_odds = existence.read(slot).column(1);
+        for (value, log_odds) in evidence.iter_mut().zip(log_odds) {
+            let seen = logistic(*log_odds) * detection;
+            *value += math::ln(seen / (1.0 - seen));
+        }
+    }
+
+    /// Whether the best particle's landmark counts as real.
+    pub(super) fn is_confirmed(&mut self, slot: u32, sightings: f64) -> bool {
+        let best = self.particles.best();
+        let settings = &self.config.association.existence;
+        let Some(existence) = &mut self.landmarks.existence else { return true };
+        let likely = match settings.form {
+            ExistenceForm::Counted => true,
+            ExistenceForm::Bayes => existence.read(slot).column(1)[best] >= settings.confirmed_log_odds,
+        };
+        likely && sightings >= f64::from(settings.confirmed_sightings)
     }
 
     /// Counts a scan for and against every landmark in view, and removes what no longer exists in a particle's map.
@@ -46,10 +88,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.find_in_view(slot, &mut verdicts);
             if let Some(candidate) = table.slots.iter().position(|s| *s == slot) {
                 let sighted = &sighted[candidate * verdicts.len()..][..verdicts.len()];
-                for (verdict, sighted) in verdicts.iter_mut().zip(sighted) {
-                    if *sighted {
-                        *verdict = Verdict::Sighted;
-                    }
+                let densities = &self.sighting_densities[candidate * verdicts.len()..][..verdicts.len()];
+                for (i, verdict) in verdicts.iter_mut().enumerate().filter(|(i, _)| sighted[*i]) {
+                    *verdict = Verdict::Sighted(densities[i]);
                 }
             }
             if verdicts.iter().any(|v| *v != Verdict::Unseen) {
@@ -99,9 +140,19 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// Counts one scan for a landmark in every map and removes it from those in which it no longer exists. Returns
     /// whether the best particle lost it.
     fn count(&mut self, slot: u32, verdicts: &[Verdict]) -> u32 {
-        let settings = &self.config.association.existence;
+        let association = &self.config.association;
+        let settings = &association.existence;
+        let lowest = self.initial_log_odds() + settings.lowest_log_odds - settings.initial_log_odds;
+        let missed_log_odds = match (settings.form, association.detection_probability) {
+            (ExistenceForm::Bayes, Some(detection)) => -math::ln(1.0 - detection),
+            _ => settings.missed_log_odds,
+        };
+        // Below this its odds would round to nothing, and nothing could bring it back.
+        let floor = lowest.min(-50.0) - 1.0;
+        let (exponent, removes) = (self.rules.likelihood_exponent, settings.removal == Removal::WhenMissed);
         let mask: Vec<bool> = verdicts.iter().map(|v| *v != Verdict::Unseen).collect();
         let mut dead = vec![false; verdicts.len()];
+        let Particles { log_weight, score, .. } = &mut self.particles;
         let Some(existence) = &mut self.landmarks.existence else { return 0 };
         existence.update(slot, Some(&mask), &mut |rows| {
             let [present, log_odds] = rows.columns::<COLUMNS>();
@@ -109,11 +160,18 @@ impl<M: MeasurementModel> FastSlam<M> {
                 if present[i] == 0.0 {
                     continue;
                 }
+                if let Some(detection) = association.detection_probability {
+                    let missed = exponent * math::ln(1.0 - logistic(log_odds[i]) * detection);
+                    log_weight[i] += missed;
+                    score[i] += missed;
+                }
                 log_odds[i] = match verdict {
-                    Verdict::Sighted => (log_odds[i] + settings.sighted_log_odds).min(settings.highest_log_odds),
-                    _ => log_odds[i] - settings.missed_log_odds,
+                    Verdict::Sighted(density) => {
+                        (log_odds[i] + gained(association, *density)).min(settings.highest_log_odds)
+                    }
+                    _ => (log_odds[i] - missed_log_odds).max(floor),
                 };
-                if log_odds[i] < settings.lowest_log_odds {
+                if removes && log_odds[i] < lowest {
                     dead[i] = true;
                     (present[i], log_odds[i]) = (0.0, 0.0);
                 }
@@ -135,6 +193,16 @@ impl<M: MeasurementModel> FastSlam<M> {
     }
 }
 
+/// What a sighting with this log-likelihood adds to the log-odds: ln(1 − P_D + P_D N / λ_c), or a fixed number.
+fn gained(association: &AssociationConfig, log_likelihood: f64) -> f64 {
+    match (association.existence.form, association.detection_probability, association.clutter_density) {
+        (ExistenceForm::Bayes, Some(detection), Some(clutter)) => {
+            math::ln(1.0 - detection + detection * math::exp(log_likelihood) / clutter)
+        }
+        _ => association.existence.sighted_log_odds,
+    }
+}
+
 /// Whether a particle took some sighting for a candidate: one entry per particle, for each candidate in turn.
 fn sighted_candidates(decisions: &[Decision], candidates: usize, particles: usize) -> Vec<bool> {
     let mut sighted = vec![false; candidates * particles];
@@ -150,12 +218,12 @@ fn sighted_candidates(decisions: &[Decision], candidates: usize, particles: usiz
 }
 
 /// What a scan says about a landmark in one map.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Verdict {
     /// It could not be seen.
     Unseen,
     /// It was in view and was not sighted.
     Missed,
-    /// It was sighted.
-    Sighted,
+    /// It was sighted; the log-likelihood of that.
+    Sighted(f64),
 }

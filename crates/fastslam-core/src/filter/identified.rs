@@ -79,6 +79,13 @@ impl<M: MeasurementModel> FastSlam<M> {
             });
         });
         info.repaired += repaired.into_inner();
+        self.learn_appearance(slot, sighting);
+    }
+
+    fn learn_appearance(&mut self, slot: u32, sighting: &ScanSighting) {
+        if let Some(appearances) = &mut self.landmarks.appearances {
+            appearances.learn(slot, &vec![true; self.particles.len()], sighting.appearance);
+        }
     }
 
     fn clear_log_likelihood(&mut self) {
@@ -102,7 +109,8 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn insert_for_all(&mut self, sighting: &ScanSighting, info: &mut StepInfo) {
         let columns = self.landmarks.columns();
         first_rows(&self.model, &self.sensor_poses, sighting.measured, None, columns, &mut self.scratch);
-        self.landmarks.insert(sighting.identity, &self.scratch, 0.0);
+        let slot = self.landmarks.insert(sighting.identity, &self.scratch, 0.0);
+        self.learn_appearance(slot, sighting);
         self.particles.landmarks.iter_mut().for_each(|count| *count += 1);
         info.new_landmarks += 1;
     }

@@ -1,5 +1,6 @@
 //! The landmarks of all maps: the store with names, births and places.
 
+use super::appearance::Appearances;
 use super::existence;
 use crate::association::{Box2, Grid};
 use crate::config::AssociationMode;
@@ -23,6 +24,8 @@ pub struct Landmarks {
     columns: usize,
     /// Log-odds of existence by slot; only kept when landmarks may be removed.
     pub(super) existence: Option<Box<dyn LandmarkStore>>,
+    /// What landmarks look like by slot; only kept where it is configured.
+    pub(super) appearances: Option<Appearances>,
     slots: Vec<Option<Slot>>,
     free: Vec<u32>,
     births: u64,
@@ -63,6 +66,7 @@ impl Landmarks {
             store: kind.create(particles, columns),
             columns,
             existence: (identities != Identities::All).then(|| kind.create(particles, existence::COLUMNS)),
+            appearances: None,
             slots: Vec::new(),
             free: Vec::new(),
             births: 0,
@@ -128,6 +132,9 @@ impl Landmarks {
             rows[self.store.particle_count()..].iter_mut().for_each(|value| *value *= log_odds);
             existence.insert(slot, &rows);
         }
+        if let Some(appearances) = &mut self.appearances {
+            appearances.insert(slot);
+        }
         if let Some(identity) = identity {
             self.mark_identity(slot, identity);
         }
@@ -141,6 +148,9 @@ impl Landmarks {
         self.store.remove(slot);
         if let Some(existence) = &mut self.existence {
             existence.remove(slot);
+        }
+        if let Some(appearances) = &mut self.appearances {
+            appearances.remove(slot);
         }
         if let Some(grid) = &mut self.grid {
             grid.remove(slot);
@@ -196,13 +206,17 @@ impl Landmarks {
         if let Some(existence) = &mut self.existence {
             existence.resample(ancestor_indices);
         }
+        if let Some(appearances) = &mut self.appearances {
+            appearances.resample(ancestor_indices);
+        }
     }
 
     /// What the maps occupy.
     pub fn usage(&self) -> StoreUsage {
         let gaussians = self.store.usage();
         let existence = self.existence.as_ref().map(|store| store.usage()).unwrap_or_default();
-        StoreUsage { rows: gaussians.rows, bytes: gaussians.bytes + existence.bytes }
+        let looks = self.appearances.as_ref().map(Appearances::usage).unwrap_or_default();
+        StoreUsage { rows: gaussians.rows, bytes: gaussians.bytes + existence.bytes + looks.bytes }
     }
 }
 

@@ -1,6 +1,7 @@
 //! The filter: particles over paths, and per particle a map of small Gaussians.
 
 mod adaptive;
+mod appearance;
 mod beliefs;
 mod estimate;
 mod examine;
@@ -10,10 +11,12 @@ pub(crate) mod health;
 mod identified;
 pub(crate) mod innovations;
 mod landmarks;
+mod merging;
 pub(crate) mod noise_check;
 mod particles;
 mod rejuvenation;
 mod scan;
+mod scan_methods;
 mod usable;
 
 pub use estimate::{MapEstimate, MapLandmark};
@@ -23,7 +26,7 @@ pub use noise_check::{Noise, NoiseReport, NoiseWarning, NoiseWarnings};
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
-use crate::association::{fast, CandidateTable, Decision, FitTable, Rules, Scratch};
+use crate::association::{fast, Appearance, CandidateTable, Decision, FitTable, Rules, Scratch};
 use crate::config::{Algorithm, Config};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
@@ -36,9 +39,11 @@ use crate::resampling;
 use crate::store::StoreUsage;
 use crate::weights::Weights;
 use crate::workers::{PerThread, Workers, PART};
+use appearance::Appearances;
 use beliefs::Beliefs;
 use health::{View, Vitals, Watch};
 use landmarks::Landmarks;
+use merging::Merger;
 use rejuvenation::Rejuvenation;
 
 /// One detection of a landmark.
@@ -50,12 +55,14 @@ pub struct Sighting {
     pub identity: Option<u32>,
     /// Covariance of (range, bearing) when the detector gives one.
     pub noise: Option<Symmetric2>,
+    /// What it looks like, when the detector says so.
+    pub appearance: Appearance,
 }
 
 impl Sighting {
     /// Range in metres and bearing in radians, counter-clockwise from the sensor's heading, with the sensor's noise.
     pub fn range_bearing(range_m: f64, bearing_rad: f64, identity: Option<u32>) -> Self {
-        Self { value: [range_m, bearing_rad], identity, noise: None }
+        Self { value: [range_m, bearing_rad], identity, noise: None, appearance: Appearance::default() }
     }
 }
 
@@ -70,6 +77,10 @@ pub struct StepInfo {
     pub new_landmarks: u32,
     /// Landmarks that the best particle removed from its map.
     pub removed: u32,
+    /// Landmarks that the best particle merged with another one.
+    pub merged: u32,
+    /// Particles for which the scan was too large for joint association.
+    pub fell_back: u32,
     /// Sightings that the best particle took for neither a known nor a new landmark.
     pub ignored: u32,
     /// Sightings skipped: not finite, or outside the sensor's limits.
@@ -178,6 +189,11 @@ pub struct FastSlam<M = RangeBearing> {
     mask: Vec<bool>,
     /// Landmarks that the scan may show; kept for its memory.
     slots: Vec<u32>,
+    /// Log-likelihood of the scan's sighting of every candidate in every map; only where existence follows Bayes' rule.
+    sighting_densities: Vec<f64>,
+    /// Sightings of the scan that founded a landmark in some map, with its slot.
+    founded: Vec<(usize, u32)>,
+    merger: Merger,
     /// Of the step's sightings, per particle.
     log_likelihood: Vec<f64>,
     estimate: PoseEstimate,
@@ -216,8 +232,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         let noise = model.noise_covariance();
         let workers = Workers::new(config.filter.threads)?;
         let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
+        let mut landmarks = Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius);
+        landmarks.appearances = Appearances::new(config.filter.store, particles, &config.association);
         Ok(Self {
-            landmarks: Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius),
+            landmarks,
             lever_arm_m: config.sensor.mounting.x_m.hypot(config.sensor.mounting.y_m),
             T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
             gate_radius,
@@ -245,6 +263,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             matches: Vec::new(),
             mask: Vec::new(),
             slots: Vec::new(),
+            sighting_densities: Vec::new(),
+            founded: Vec::new(),
+            merger: Merger::default(),
             log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             scratch: Vec::new(),
@@ -292,8 +313,10 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Processes all sightings of one stamp (there may be none).
     ///
-    /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings.
+    /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings; [`Error::Input`] for a class
+    /// beyond those configured.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        self.config.association.check_classes(sightings)?;
         let mut info = StepInfo { step: self.steps, ..StepInfo::default() };
         let mut rounds = std::mem::take(&mut self.rounds);
         let used = self.fill_rounds(&mut rounds, sightings, &mut info.skipped);
@@ -351,7 +374,9 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn process(&mut self, scan: &[scan::ScanSighting], info: &mut StepInfo) -> Result<()> {
         match (self.config.algorithm, self.identities) {
             _ if self.keeps_motion_pending(scan) => {
+                let before = self.weights.log_mean;
                 info.effective_sample_size = self.weights_now()?;
+                info.log_likelihood += self.weights.log_mean - before;
                 self.estimate_beliefs();
                 Ok(())
             }

@@ -2,9 +2,10 @@
 
 use super::beliefs::{belief_in, set_belief_in};
 use super::extent::Extent;
+use super::scan_methods::explain;
 use super::{FastSlam, Particles, StepInfo};
-use crate::association::{decide, fast, CandidateTable, Decision, ParticleHypothesis};
-use crate::config::Algorithm;
+use crate::association::{fast, CandidateTable, Decision, ParticleHypothesis};
+use crate::config::{Algorithm, ExistenceForm, MergingRule, Method};
 use crate::error::Result;
 use crate::landmark::{column, first_rows, Correction};
 use crate::measurement::MeasurementModel;
@@ -25,10 +26,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         let mut table = std::mem::take(&mut self.table);
         self.find_candidates(scan, &mut table);
         let mut decisions = std::mem::take(&mut self.decisions);
-        self.decide(scan, &table, &mut decisions);
+        self.decide(scan, &table, &mut decisions, info);
         self.examine_decided(scan, &decisions, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.landmarks.births();
+        self.founded.clear();
+        self.sighting_densities.clear();
+        self.sighting_densities.resize(table.slots.len() * self.particles.len(), 0.0);
         let (mut decided, mut births) = (std::mem::take(&mut self.decided), std::mem::take(&mut self.births));
         births.clear();
         for (j, sighting) in scan.iter().enumerate() {
@@ -38,25 +42,35 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.correct_decided((j, sighting), &decided, &table, info);
         }
         self.remember_decided(scan, &decisions, &table, &births);
-        if self.removes_landmarks() && !scan.is_empty() {
+        if self.judges_existence() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
+        }
+        if self.config.association.merging.rule != MergingRule::Never && !scan.is_empty() {
+            self.merge_duplicates(&decisions, &table, first_birth, info);
         }
         (self.table, self.decisions, self.decided, self.births) = (table, decisions, decided, births);
         Ok(())
     }
 
     /// Every particle's decisions (an equal share each), with its belief refined and its weight changed by them.
-    fn decide(&mut self, scan: &[ScanSighting], table: &CandidateTable, decisions: &mut Vec<Decision>) {
+    fn decide(
+        &mut self,
+        scan: &[ScanSighting],
+        table: &CandidateTable,
+        decisions: &mut Vec<Decision>,
+        info: &mut StepInfo,
+    ) {
         decisions.clear();
         decisions.resize(self.particles.len() * scan.len(), Decision::Ignored);
         if scan.is_empty() {
             return;
         }
+        self.log_likelihood.clear();
         self.log_likelihood.resize(self.particles.len(), 0.0);
-        if fast::applies(scan) {
+        if self.decides_by_place_alone() && fast::applies(scan) {
             self.decide_together(scan, table, decisions);
         } else {
-            self.decide_each(scan, table, decisions);
+            info.fell_back += self.decide_each(scan, table, decisions);
         }
         for (i, increment) in self.log_likelihood.iter().enumerate() {
             self.particles.log_weight[i] += increment;
@@ -76,31 +90,44 @@ impl<M: MeasurementModel> FastSlam<M> {
         });
     }
 
-    /// Decisions of the particles one by one.
-    fn decide_each(&mut self, scan: &[ScanSighting], table: &CandidateTable, decisions: &mut [Decision]) {
-        let Self { model, rules, deciding, beliefs, log_likelihood, fits, T_robot_sensor, .. } = self;
-        let (model, T_robot_sensor) = (&*model, *T_robot_sensor);
-        fits.fill(table, |j, candidate, log_likelihood, distance| {
+    /// Decisions of the particles one by one; returns how many fell back to a simpler method.
+    fn decide_each(&mut self, scan: &[ScanSighting], table: &CandidateTable, decisions: &mut [Decision]) -> u32 {
+        let (model, T_robot_sensor) = (&self.model, self.T_robot_sensor);
+        let beliefs = &self.beliefs;
+        self.fits.fill(table, |j, candidate, log_likelihood, distance| {
             let columns = [log_likelihood, distance];
             beliefs.fit(model, T_robot_sensor, &scan[j].measured, &table.rows(candidate), columns);
         });
-        let fits = &*fits;
+        self.gather_evidence(scan, table);
+        let stream = self.random.stream(Purpose::Association, self.samplings);
+        let Self { model, rules, deciding, beliefs, log_likelihood, fits, .. } = self;
+        let (model, fits, fell_back) = (&*model, &*fits, AtomicU32::new(0));
         let whole =
             (beliefs.columns_mut(), Shares { entries: decisions, each: scan.len() }, log_likelihood.as_mut_slice());
         self.workers.share(whole, fast::BLOCK, &|first, (mut beliefs, decisions, log_likelihood)| {
             let shares = decisions.entries.chunks_exact_mut(scan.len());
             for (i, (mine, increment)) in shares.zip(log_likelihood).enumerate() {
-                let belief = belief_in(&beliefs, i);
-                let particle = first + i;
-                let mut hypothesis =
+                let (belief, particle) = (belief_in(&beliefs, i), first + i);
+                let mut one =
                     ParticleHypothesis { model, T_robot_sensor, table, fits, particle, belief, refined: None };
-                *increment = deciding
-                    .with(|(_, scratch)| decide(rules, scan, &table.of_sighting, &mut hypothesis, scratch, mine));
-                if let Some((refined, _)) = hypothesis.refined {
+                let draw = |j: usize| stream.uniform(particle as u32, j as u32);
+                let outcome = deciding
+                    .with(|(_, scratch)| explain(rules, (scan, &table.of_sighting), &mut one, scratch, draw, mine));
+                *increment = outcome.log_weight;
+                fell_back.fetch_add(u32::from(outcome.fell_back), Relaxed);
+                if let Some((refined, _)) = one.refined {
                     set_belief_in(&mut beliefs, i, &refined);
                 }
             }
         });
+        fell_back.into_inner()
+    }
+
+    /// Whether nothing but the place of a landmark says how well it explains a sighting, and the likeliest is taken.
+    fn decides_by_place_alone(&self) -> bool {
+        self.rules.method == Method::MaximumLikelihood
+            && self.landmarks.appearances.is_none()
+            && self.config.association.detection_probability.is_none()
     }
 
     /// What each particle believes about the robot's pose before the scan.
@@ -203,6 +230,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
             let slot = table.slots[candidate as usize];
             let Self { model, sensor_poses: poses, log_likelihood, workers, .. } = self;
+            log_likelihood.clear();
             log_likelihood.resize(mask.len(), 0.0);
             let correction =
                 Correction { model: &*model, poses: &*poses, measured: sighting.measured, mask: Some(&mask) };
@@ -221,27 +249,40 @@ impl<M: MeasurementModel> FastSlam<M> {
             if let Some(identity) = sighting.identity {
                 self.landmarks.mark_identity(slot, identity);
             }
+            if let Some(appearances) = &mut self.landmarks.appearances {
+                appearances.learn(slot, &mask, sighting.appearance);
+            }
+            if self.config.association.existence.form == ExistenceForm::Bayes {
+                let densities = &mut self.sighting_densities[candidate as usize * mask.len()..][..mask.len()];
+                let chosen = (0..mask.len()).filter(|i| mask[*i]);
+                chosen.for_each(|i| densities[i] = self.log_likelihood[i]);
+            }
         }
         mask.clear();
         mask.extend(decided.iter().map(|d| *d == Decision::New.number()));
         if mask.contains(&true) {
-            self.create_where(&mask, sighting);
+            let slot = self.create_where(&mask, sighting);
+            self.founded.push((j, slot));
             info.new_landmarks += 1;
         }
         self.mask = mask;
         info.ignored += u32::from(decided[self.particles.best()] == Decision::Ignored.number());
     }
 
-    /// Creates a landmark in the maps that `mask` marks.
-    fn create_where(&mut self, mask: &[bool], sighting: &ScanSighting) {
+    /// Creates a landmark in the maps that `mask` marks; returns its slot.
+    fn create_where(&mut self, mask: &[bool], sighting: &ScanSighting) -> u32 {
         let columns = self.landmarks.columns();
         first_rows(&self.model, &self.sensor_poses, sighting.measured, Some(mask), columns, &mut self.scratch);
         if let (Some(identity), true) = (sighting.identity, columns > column::IDENTITY) {
             let marks = &mut self.scratch[column::IDENTITY * mask.len()..];
             marks.iter_mut().zip(mask).filter(|(_, new)| **new).for_each(|(mark, _)| *mark = f64::from(identity) + 1.0);
         }
-        let log_odds = self.config.association.existence.initial_log_odds;
-        self.landmarks.insert(sighting.identity, &self.scratch, log_odds);
+        let log_odds = self.initial_log_odds();
+        let slot = self.landmarks.insert(sighting.identity, &self.scratch, log_odds);
+        if let Some(appearances) = &mut self.landmarks.appearances {
+            appearances.learn(slot, mask, sighting.appearance);
+        }
         mask.iter().zip(&mut self.particles.landmarks).for_each(|(new, count)| *count += u32::from(*new));
+        slot
     }
 }

@@ -30,7 +30,11 @@ pub(crate) fn usable<'a, M: MeasurementModel>(
             skipped.bad_covariance += 1;
         } else {
             let noise = s.noise.unwrap_or(model.noise_covariance());
-            return Some(ScanSighting { measured: Measured { value, noise, tail }, identity });
+            return Some(ScanSighting {
+                measured: Measured { value, noise, tail },
+                identity,
+                appearance: s.appearance,
+            });
         }
         None
     })

@@ -7,6 +7,7 @@
 
 #![allow(dead_code)] // Every test binary compiles its own copy and uses a part of it.
 
+use fastslam_core::association::Appearance;
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::Sighting;
 use fastslam_core::measurement::Cartesian;
@@ -68,7 +69,7 @@ pub fn config(algorithm: Algorithm, particles: u32, seed: u64) -> Config {
 }
 
 pub fn sighting((landmark, value): (usize, [f64; 2])) -> Sighting {
-    Sighting { value, identity: Some(landmark as u32), noise: None }
+    Sighting { value, identity: Some(landmark as u32), noise: None, appearance: Appearance::default() }
 }
 
 /// Mean and covariance of (robot, landmarks in the order of their first sighting), and the log evidence.

@@ -1,7 +1,7 @@
 //! The block against the particles one by one.
 
 use super::*;
-use crate::association::{decide, Belief, FitTable, ParticleHypothesis, Scratch};
+use crate::association::{decide, Appearance, Belief, FitTable, ParticleHypothesis, Scratch};
 use crate::config::Config;
 use crate::measurement::RangeBearing;
 use crate::random::{Purpose, RandomSource, Stream};
@@ -63,7 +63,11 @@ fn random_scan(draws: &mut Draws, sightings: usize, tail: Tail) -> Vec<ScanSight
             let scale = if own_noise { 0.2 + 4.0 * draws.next() } else { 1.0 };
             let noise = MODEL.noise_covariance().scaled(scale);
             let value = [5.0 + 2.0 * draws.next(), 0.3 * draws.next() - 0.35];
-            ScanSighting { measured: Measured { value, noise, tail }, identity: None }
+            ScanSighting {
+                measured: Measured { value, noise, tail },
+                identity: None,
+                appearance: Appearance::default(),
+            }
         })
         .collect()
 }

@@ -129,7 +129,10 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn start_anew(&mut self, rejuvenation: &Rejuvenation) -> bool {
         let (history, best) = (&rejuvenation.history, self.particles.best());
         let means = self.means_of(best);
-        let seen = history.seen_by(best);
+        let mut seen = history.seen_by(best);
+        for sight in &mut seen {
+            sight.birth = self.merger.present_name(sight.birth, |birth| means.contains_key(&birth));
+        }
         let window = self.config.filter.rejuvenation.window_steps.map_or(usize::MAX, |steps| steps as usize);
         let first_free = history.steps().saturating_sub(window);
         let mut landmarks = by_landmark(&seen, |birth| means.contains_key(&birth));

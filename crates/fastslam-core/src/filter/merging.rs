@@ -1,0 +1,297 @@
+//! Landmarks that stand for one thing become one.
+//!
+//! Different particles may have created their own landmark for it: then no map changes, but the landmark is stored,
+//! found and reported once. Or one map holds two: given the path their Gaussians are independent, so that their product
+//! is what all sightings together say.
+
+use super::{existence, FastSlam, Particles, StepInfo};
+use crate::association::{CandidateTable, Decision};
+use crate::geometry::Symmetric2;
+use crate::landmark::{column, gaussian_in, Gaussian};
+use crate::math;
+use crate::measurement::MeasurementModel;
+use crate::store::Rows;
+use rustc_hash::FxHashMap;
+
+/// Duplicates are looked for in every so many steps.
+const PERIOD: u64 = 8;
+
+/// Two landmarks are two things when the younger was sighted together with the older once in so many sightings.
+///
+/// **Why:** not never, because a particle that takes a sighting for the wrong one of two duplicates takes another one of
+/// the scan for the right one now and then.
+const RARE: f64 = 20.0;
+
+/// What merging remembers.
+#[derive(Clone, Debug, Default)]
+pub struct Merger {
+    /// In how many scans the best particle sighted two landmarks, named by their births, the lesser one first.
+    together: FxHashMap<(u64, u64), u32>,
+    /// Into which landmark another one went over in some map, by their births.
+    united: FxHashMap<u64, u64>,
+}
+
+impl Merger {
+    fn note(&mut self, a: u64, b: u64, scans: u32) {
+        if a != b {
+            *self.together.entry((a.min(b), a.max(b))).or_default() += scans;
+        }
+    }
+
+    /// Scans in which both were sighted.
+    fn together(&self, a: u64, b: u64) -> u32 {
+        self.together.get(&(a.min(b), a.max(b))).copied().unwrap_or(0)
+    }
+
+    /// The birth under which a landmark is found in a map, after all that happened to it since; its own when nowhere.
+    pub fn present_name(&self, birth: u32, is_held: impl Fn(u32) -> bool) -> u32 {
+        let mut name = birth;
+        while !is_held(name) {
+            // Landmarks go over into older ones, so that this ends.
+            match self.united.get(&u64::from(name)) {
+                Some(older) => name = *older as u32,
+                None => return birth,
+            }
+        }
+        name
+    }
+
+    /// What holds of landmark `from` holds of `into` from now on.
+    fn rename(&mut self, from: u64, into: u64) {
+        let partner = |(a, b): &(u64, u64)| match (*a == from, *b == from) {
+            (true, _) => Some(*b),
+            (_, true) => Some(*a),
+            _ => None,
+        };
+        let partners: Vec<(u64, u32)> =
+            self.together.iter().filter_map(|(pair, scans)| Some((partner(pair)?, *scans))).collect();
+        self.together.retain(|pair, _| partner(pair).is_none());
+        partners.into_iter().for_each(|(other, scans)| self.note(other, into, scans));
+    }
+}
+
+/// The particles in which a landmark goes over into another: taken as it is, or combined with what is there.
+struct Union {
+    moved: Vec<bool>,
+    fused: Vec<bool>,
+}
+
+impl<M: MeasurementModel> FastSlam<M> {
+    /// Notes which landmarks were sighted together and, from time to time, merges those near the scan's sightings.
+    pub(super) fn merge_duplicates(
+        &mut self,
+        decisions: &[Decision],
+        table: &CandidateTable,
+        first_birth: u64,
+        info: &mut StepInfo,
+    ) {
+        self.note_sighted_together(decisions, table);
+        if !self.steps.is_multiple_of(PERIOD) {
+            return;
+        }
+        let mut slots: Vec<u32> = table.slots.iter().copied().chain(self.founded.iter().map(|(_, s)| *s)).collect();
+        slots.retain(|slot| self.landmarks.slot(*slot).is_some_and(|s| s.birth < first_birth));
+        slots.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
+        for (place, &younger) in slots.iter().enumerate() {
+            for &older in &slots[..place] {
+                if [older, younger].iter().all(|slot| self.landmarks.slot(*slot).is_some()) {
+                    info.merged += self.merge(older, younger);
+                }
+            }
+        }
+    }
+
+    fn note_sighted_together(&mut self, decisions: &[Decision], table: &CandidateTable) {
+        let share = decisions.len() / self.particles.len();
+        let best = self.particles.best();
+        let founded = |j: usize| self.founded.iter().find(|(index, _)| *index == j).map(|(_, slot)| *slot);
+        let slot = |(j, decision): (usize, &Decision)| match decision {
+            Decision::Landmark(candidate) => Some(table.slots[*candidate as usize]),
+            Decision::New => founded(j),
+            Decision::Ignored => None,
+        };
+        let slots = decisions[best * share..][..share].iter().enumerate().filter_map(slot);
+        // What was removed since has no birth.
+        let births: Vec<u64> = slots.filter_map(|slot| self.landmarks.slot(slot)).map(|slot| slot.birth).collect();
+        for (place, a) in births.iter().enumerate() {
+            births[..place].iter().for_each(|b| self.merger.note(*a, *b, 1));
+        }
+    }
+
+    /// Merges a landmark into an older one wherever both mean one thing; returns whether the best particle held both.
+    fn merge(&mut self, older: u32, younger: u32) -> u32 {
+        let n = self.particles.len();
+        let columns = self.landmarks.columns();
+        let copy = |rows: Rows<'_>, count: usize| (0..count).flat_map(|c| rows.column(c).to_vec()).collect::<Vec<_>>();
+        let old = copy(self.landmarks.read(older), columns);
+        let young = copy(self.landmarks.read(younger), columns);
+        let (old, young) = (Rows::new(&old, n), Rows::new(&young, n));
+        let together = self.merger.together(self.landmarks.birth(older), self.landmarks.birth(younger));
+        let Some(union) = self.union(&old, &young, f64::from(together)) else { return 0 };
+        let touched: Vec<bool> = (0..n).map(|i| union.moved[i] || union.fused[i]).collect();
+        let unsure = self.config.association.merging.tolerance_std_m > 0.0;
+        self.landmarks.update(older, Some(&touched), |mut rows| {
+            for i in (0..n).filter(|i| touched[*i]) {
+                if union.moved[i] {
+                    (0..columns).for_each(|c| rows.column(c)[i] = young.column(c)[i]);
+                } else if let (Some(a), Some(b)) = (gaussian_in(&old, i), gaussian_in(&young, i)) {
+                    let counts = [&old, &young].map(|rows| rows.column(column::SIGHTINGS)[i]);
+                    let both = if unsure { spread_product(&a, &b, counts) } else { product(&a, &b) };
+                    rows.column(column::SIGHTINGS)[i] = counts[0] + counts[1];
+                    rows.column(column::MEAN_X)[i] = both.mean[0];
+                    rows.column(column::MEAN_Y)[i] = both.mean[1];
+                    rows.column(column::COV_XX)[i] = both.covariance.xx;
+                    rows.column(column::COV_XY)[i] = both.covariance.xy;
+                    rows.column(column::COV_YY)[i] = both.covariance.yy;
+                }
+            }
+        });
+        self.merger.united.insert(self.landmarks.birth(younger), self.landmarks.birth(older));
+        self.merge_existence([older, younger], &touched);
+        if let Some(appearances) = &mut self.landmarks.appearances {
+            appearances.merge(younger, older, [&union.moved, &union.fused]);
+        }
+        self.forget(younger, older, &touched);
+        let Particles { landmarks, .. } = &mut self.particles;
+        landmarks.iter_mut().zip(&union.fused).for_each(|(count, fused)| *count -= u32::from(*fused));
+        u32::from(union.fused[self.particles.best()])
+    }
+
+    /// Takes a landmark out of the maps in which it went over into another.
+    fn forget(&mut self, younger: u32, older: u32, touched: &[bool]) {
+        self.landmarks.update(younger, Some(touched), |mut rows| {
+            let count = rows.column(column::SIGHTINGS);
+            (0..touched.len()).filter(|i| touched[*i]).for_each(|i| count[i] = 0.0);
+        });
+        if self.landmarks.holders(younger) == 0 {
+            self.merger.rename(self.landmarks.birth(younger), self.landmarks.birth(older));
+            self.landmarks.remove(younger);
+        }
+    }
+
+    /// Where the two landmarks mean one thing: nearer to each other than the gate, and hardly ever sighted together.
+    /// `None` when nowhere.
+    fn union(&self, old: &Rows<'_>, young: &Rows<'_>, together: f64) -> Option<Union> {
+        let n = self.particles.len();
+        let merging = &self.config.association.merging;
+        let gate = -2.0 * math::ln(1.0 - merging.gate_probability);
+        let tolerance = merging.tolerance_std_m * merging.tolerance_std_m;
+        let named = |i: usize| self.landmarks.columns() > column::IDENTITY && young.column(column::IDENTITY)[i] != 0.0;
+        let elsewhere = average(old, n);
+        let mut union = Union { moved: vec![false; n], fused: vec![false; n] };
+        for i in (0..n).filter(|i| !named(*i)) {
+            let Some(b) = gaussian_in(young, i) else { continue };
+            let own = gaussian_in(old, i);
+            let Some(a) = own.or(elsewhere) else { continue };
+            let sightings = young.column(column::SIGHTINGS)[i];
+            if together * RARE > sightings {
+                continue;
+            }
+            if distance_squared(&a, &b, tolerance) <= gate {
+                let target = if own.is_some() { &mut union.fused } else { &mut union.moved };
+                target[i] = true;
+            }
+        }
+        (union.moved.contains(&true) || union.fused.contains(&true)).then_some(union)
+    }
+
+    /// The better of the two beliefs that a merged landmark exists.
+    fn merge_existence(&mut self, [older, younger]: [u32; 2], touched: &[bool]) {
+        let n = touched.len();
+        let Some(store) = &mut self.landmarks.existence else { return };
+        let young = store.read(younger).column(1).to_vec();
+        store.update(older, Some(touched), &mut |rows| {
+            let [present, log_odds] = rows.columns::<{ existence::COLUMNS }>();
+            for i in (0..n).filter(|i| touched[*i]) {
+                log_odds[i] = if present[i] == 0.0 { young[i] } else { log_odds[i].max(young[i]) };
+                present[i] = 1.0;
+            }
+        });
+        store.update(younger, Some(touched), &mut |rows| {
+            let [present, log_odds] = rows.columns::<{ existence::COLUMNS }>();
+            (0..n).filter(|i| touched[*i]).for_each(|i| (present[i], log_odds[i]) = (0.0, 0.0));
+        });
+    }
+}
+
+/// Mean over the maps that hold a landmark, with its spread between and within them.
+fn average(rows: &Rows<'_>, n: usize) -> Option<Gaussian> {
+    let held: Vec<Gaussian> = (0..n).filter_map(|i| gaussian_in(rows, i)).collect();
+    if held.is_empty() {
+        return None;
+    }
+    let share = 1.0 / held.len() as f64;
+    let mean = [0, 1].map(|axis| held.iter().map(|l| share * l.mean[axis]).sum::<f64>());
+    let mut covariance = Symmetric2::default();
+    for landmark in &held {
+        let d = [landmark.mean[0] - mean[0], landmark.mean[1] - mean[1]];
+        covariance.xx += share * (landmark.covariance.xx + d[0] * d[0]);
+        covariance.xy += share * (landmark.covariance.xy + d[0] * d[1]);
+        covariance.yy += share * (landmark.covariance.yy + d[1] * d[1]);
+    }
+    Some(Gaussian { mean, covariance })
+}
+
+/// The squared Mahalanobis distance of two landmarks, with this variance added to that of their difference.
+fn distance_squared(a: &Gaussian, b: &Gaussian, more: f64) -> f64 {
+    let (p, q) = (&a.covariance, &b.covariance);
+    let s = Symmetric2::new(p.xx + q.xx + more, p.xy + q.xy, p.yy + q.yy + more);
+    let [x, y] = [a.mean[0] - b.mean[0], a.mean[1] - b.mean[1]];
+    (s.yy * x * x - 2.0 * s.xy * x * y + s.xx * y * y) / s.determinant()
+}
+
+/// The normalised product of two Gaussians.
+fn product(a: &Gaussian, b: &Gaussian) -> Gaussian {
+    let inverse = |s: &Symmetric2| {
+        let d = s.determinant();
+        Symmetric2::new(s.yy / d, -s.xy / d, s.xx / d)
+    };
+    let (p, q) = (inverse(&a.covariance), inverse(&b.covariance));
+    let covariance = inverse(&Symmetric2::new(p.xx + q.xx, p.xy + q.xy, p.yy + q.yy));
+    let push = |s: &Symmetric2, m: [f64; 2]| [s.xx * m[0] + s.xy * m[1], s.xy * m[0] + s.yy * m[1]];
+    let (u, v) = (push(&p, a.mean), push(&q, b.mean));
+    Gaussian { mean: push(&covariance, [u[0] + v[0], u[1] + v[1]]), covariance }
+}
+
+/// The product, as uncertain as the two disagree: the variance between them, by their numbers of sightings, is added.
+///
+/// **Why:** two places that lie apart by more than their covariances allow say that a particle's own error is larger
+/// than it knows; without this the sightings of one of them would found a duplicate again.
+fn spread_product(a: &Gaussian, b: &Gaussian, [m, n]: [f64; 2]) -> Gaussian {
+    let Gaussian { mean, covariance: c } = product(a, b);
+    let between = m * n / ((m + n) * (m + n));
+    let [x, y] = [a.mean[0] - b.mean[0], a.mean[1] - b.mean[1]];
+    Gaussian {
+        mean,
+        covariance: Symmetric2::new(c.xx + between * x * x, c.xy + between * x * y, c.yy + between * y * y),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_product_weighs_by_precision() {
+        let a = Gaussian { mean: [0.0, 0.0], covariance: Symmetric2::new(1.0, 0.0, 4.0) };
+        let b = Gaussian { mean: [4.0, 5.0], covariance: Symmetric2::new(3.0, 0.0, 1.0) };
+        let both = product(&a, &b);
+        // 1/1 against 1/3, and 1/4 against 1/1.
+        assert!((both.mean[0] - 1.0).abs() < 1e-14 && (both.mean[1] - 4.0).abs() < 1e-14);
+        assert!((both.covariance.xx - 0.75).abs() < 1e-14 && (both.covariance.yy - 0.8).abs() < 1e-14);
+        assert!((distance_squared(&a, &b, 0.0) - (16.0 / 4.0 + 25.0 / 5.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_was_seen_together_stays_so_under_another_name() {
+        let mut merger = Merger::default();
+        merger.note(7, 2, 3);
+        merger.note(7, 9, 1);
+        merger.note(4, 2, 1);
+        merger.rename(7, 4);
+        merger.united.extend([(9, 7), (7, 4)]);
+        assert_eq!([merger.present_name(9, |b| b == 4), merger.present_name(9, |b| b == 9)], [4, 9]);
+        assert_eq!(merger.present_name(9, |_| false), 9);
+        assert_eq!([merger.together(4, 2), merger.together(9, 4), merger.together(7, 2)], [4, 1, 0]);
+    }
+}
