@@ -37,8 +37,8 @@ impl BeamGeometry {
         if self.max_range_m <= self.min_range_m {
             return Err(Error::parameter("max_range_m", self.max_range_m, "more than min_range_m"));
         }
-        if !(self.angle_step_rad.is_finite() && self.angle_step_rad != 0.0) {
-            return Err(Error::parameter("angle_step_rad", self.angle_step_rad, "a finite number other than 0"));
+        if !(self.angle_step_rad.abs() <= std::f64::consts::TAU && self.angle_step_rad != 0.0) {
+            return Err(Error::parameter("angle_step_rad", self.angle_step_rad, "at most a turn, and not 0"));
         }
         if beams > MAX_BEAMS {
             return Err(Error::parameter("beams", beams, format!("at most {MAX_BEAMS}")));

@@ -88,9 +88,10 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.find_in_view(slot, &mut verdicts);
             if let Some(candidate) = table.slots.iter().position(|s| *s == slot) {
                 let sighted = &sighted[candidate * verdicts.len()..][..verdicts.len()];
-                let densities = &self.sighting_densities[candidate * verdicts.len()..][..verdicts.len()];
+                // Only Bayes' rule asks for densities.
+                let densities = self.sighting_densities.get(candidate * verdicts.len()..).unwrap_or_default();
                 for (i, verdict) in verdicts.iter_mut().enumerate().filter(|(i, _)| sighted[*i]) {
-                    *verdict = Verdict::Sighted(densities[i]);
+                    *verdict = Verdict::Sighted(densities.get(i).copied().unwrap_or_default());
                 }
             }
             if verdicts.iter().any(|v| *v != Verdict::Unseen) {

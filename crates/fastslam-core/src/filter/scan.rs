@@ -32,7 +32,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         let first_birth = self.landmarks.births();
         self.founded.clear();
         self.sighting_densities.clear();
-        self.sighting_densities.resize(table.slots.len() * self.particles.len(), 0.0);
+        if self.config.association.existence.form == ExistenceForm::Bayes {
+            self.sighting_densities.resize(table.slots.len() * self.particles.len(), 0.0);
+        }
         let (mut decided, mut births) = (std::mem::take(&mut self.decided), std::mem::take(&mut self.births));
         births.clear();
         for (j, sighting) in scan.iter().enumerate() {
