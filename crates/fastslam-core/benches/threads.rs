@@ -1,7 +1,7 @@
 //! What threads bring: whole steps with many particles and known association, one filter per number of threads, all on
 //! the same sightings and one after the other within each step, so that other processes of the machine slow all.
 //!
-//! `cargo bench -p fastslam-core --bench threads [-- PARTICLES]` (100,000 if nothing is said; about eight sightings a
+//! `cargo bench -p fastslam-core --bench threads [-- PARTICLES]` (100,000 if nothing is said; about seven sightings a
 //! step).
 
 #![allow(clippy::expect_used, missing_docs)] // A benchmark that cannot run says so by failing.
@@ -21,7 +21,7 @@ fn main() {
     let particles = argument().unwrap_or(100_000);
     let preset = SimulationConfig::preset("headline").expect("a preset");
     let mut simulation = preset.with_landmarks(100).expect("a world of any size");
-    simulation.sensor.max_range_m = 7.1;
+    simulation.sensor.max_range_m = 8.5;
     let simulated = simulate(&simulation).expect("a valid simulation");
     let seen = &simulated.sightings;
     let sighting =
