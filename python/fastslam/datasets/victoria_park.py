@@ -101,7 +101,10 @@ def configuration() -> dict[str, Any]:
             "mounting": {"x_m": 0.0, "y_m": 0.0, "yaw_rad": 0.0},
         },
         # Trees are seen at almost 5 Hz, and the errors of the round-trunk model repeat from scan to scan.
-        "filter": {"likelihood_exponent": 0.2},
+        "filter": {
+            "likelihood_exponent": 0.2,
+            "rejuvenation": {"every_steps": 200, "growth": 0.1, "spread": 0.2},
+        },
         # About half of all detections are people, cars and bushes.
         "association": {"existence": {"removal": "when_missed"}},
     }
