@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ..config import merge
 from ..errors import DataError
 from ..log import BeamGeometry, Log, PositionFixes, Scans
 from . import victoria_park
@@ -65,7 +66,8 @@ def load(path: Path, options: LoadOptions) -> Log:
         sightings=no_sightings(),
         position_fixes=_fixes(folder),
         scans=_scans(require_file(folder, "LASER.txt")),
-        config=victoria_park.configuration(),
+        # Measured: with paths drawn anew the median distance to GPS is 1.16 m, without 1.01 m (3 seeds).
+        config=merge(victoria_park.configuration(), {"filter": {"rejuvenation": {"every_steps": 0}}}),
         problems=problems,
     )
 
