@@ -126,7 +126,7 @@ def markdown(table: Table, panels: Sequence[World], counts: Sequence[int], seeds
         f"Medians over seeds 1 to {seeds}, worst in brackets; metres after rigid alignment; "
         f"fastslam {fastslam.__version__}.",
         "",
-        "| world | filter | " + " | ".join(f"{count} particles" for count in counts) + " |",
+        "| world | filter | " + " | ".join(f"M = {count}" for count in counts) + " |",
         "|---|---" + "|---" * len(counts) + "|",
     ]
     for world in panels:
