@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_runner import fastslam
-from fastslam.calibration import Calibration, calibrate
+from fastslam.calibration import Calibration, Reference, calibrate
 from fastslam.config import Config, load_config
 from fastslam.datasets import load, write_native
 from fastslam.errors import ConfigError, DataError
@@ -40,9 +40,9 @@ def within(found: Calibration, key: str, expected: float) -> bool:
 
 
 @pytest.mark.parametrize("reference", ["odometry", "survey"])
-def test_what_was_put_in_is_found(reference: str) -> None:
+def test_what_was_put_in_is_found(reference: Reference) -> None:
     log = miscalibrated_log()
-    found = calibrate(log, {"seed": 1}, reference=reference)  # type: ignore[arg-type]
+    found = calibrate(log, {"seed": 1}, reference=reference)
     assert within(found, "range_scale", SCALE) and found["range_scale"].standard_error < 0.01
     assert within(found, "range_bias_m", BIAS_M) and found["range_bias_m"].standard_error < 0.05
     assert within(found, "mounting.yaw_rad", YAW_RAD) and found["mounting.yaw_rad"].standard_error < 0.02

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 
 from .._yaml import write_yaml
-from ..calibration import Calibration, Parameter, calibrate
+from ..calibration import Calibration, Parameter, Reference, calibrate
 from ..config import load_config, merge, parse_assignments
 from ..datasets.registry import load
 from ..evaluation.display import format_number
@@ -49,7 +49,8 @@ def calibrate_sensor(
     given = [*(settings or []), *([] if seed is None else [f"seed={seed}"])]
     layers = (load_config(config) if config is not None else {}, parse_assignments(given))
     log = load(path, format=format, robot=robot, run=run)
-    found = calibrate(log, merge(*layers), reference=reference, noise=noise)  # type: ignore[arg-type]
+    # `calibrate` refuses any other word with an error of its own.
+    found = calibrate(log, merge(*layers), reference=cast(Reference, reference), noise=noise)
     rows = [_row(parameter) for parameter in found.parameters]
     title = f"{log.name}: {found.sightings:,} sightings of {found.landmarks:,} landmarks"
     headings = ("parameter", ">configured", ">found", ">95 % interval", "unit", "")

@@ -32,10 +32,8 @@ pub(super) struct Rejuvenation {
     history: History,
     /// Steps at the last time.
     last: usize,
-    /// How often.
-    pub count: u64,
-    /// How often no solution was found.
-    pub failures: u64,
+    /// How often it was done: numbers the random streams.
+    count: u64,
 }
 
 impl Rejuvenation {
@@ -116,7 +114,6 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub fn rejuvenate(&mut self) -> bool {
         let Some(mut rejuvenation) = self.rejuvenation.take() else { return false };
         let done = rejuvenation.history.steps() > rejuvenation.last && self.start_anew(&rejuvenation);
-        rejuvenation.failures += u64::from(!done);
         rejuvenation.count += u64::from(done);
         rejuvenation.last = rejuvenation.history.steps();
         if done {
