@@ -137,7 +137,8 @@ def markdown(table: Table, panels: Sequence[World], counts: Sequence[int], seeds
     """The page."""
     lines = [
         f"Medians over seeds 1 to {seeds.usual} (real logs with {MANY} particles and more: 1 to "
-        f"{seeds.of_many}), worst in brackets; metres after rigid alignment; fastslam {fastslam.__version__}.",
+        f"{seeds.of_many}), worst in brackets; metres after rigid alignment; "
+        f"fastslam {fastslam.__version__}.",
         "",
         "| world | filter | " + " | ".join(f"M = {count}" for count in counts) + " |",
         "|---|---" + "|---" * len(counts) + "|",
