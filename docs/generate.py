@@ -102,7 +102,23 @@ radians. `fastslam config dump` prints a complete file, `fastslam config explain
 SIMULATION = """\
 Every key of `fastslam simulate` (`--set`, `--config`) and of `fastslam.simulation.simulate`.
 `--preset` lays a ready-made simulation under them; `simulation.yaml` beside a simulated log holds
-the complete settings that made it."""
+the complete settings that made it.
+
+`cones` is the track of a Formula Student event: three laps of 300 m between 150 cones in pairs 4 m
+apart, seen ahead only, 10 % of them missed, one sighting in five scans false, one colour in twenty
+wrong, and nobody to say which cone is which. Such a log brings settings for the filter, in its
+`log.yaml`: the colours and the detector as they are, a gate wide enough for a lap that ends a metre
+off, and [paths drawn anew](rejuvenation.md) every 20 steps. With them, 100 particles and seeds 1 to
+10 (median, worst):
+
+| identities | live path [m] | path at the end [m] | map [m] | cones found | false |
+|---|---|---|---|---|---|
+| none | 0.438 (0.808) | 0.058 (0.092) | 0.059 (0.089) | 150 (150) of 150 | 0 (0) |
+| all (`scan.identities=all`) | 0.457 (0.840) | 0.058 (0.092) | 0.061 (0.089) | 150 (150) of 150 | 0 (0) |
+
+The live path holds the drift of the first lap, which nothing can know before the loop closes. Of 60
+seeds without identities three lose the loop and end one to three metres off; without paths drawn
+anew eight of ten do."""
 
 DETECTORS = """\
 Every key of the detectors that find landmarks in laser scans: `fastslam.detection.detect(log, settings)`,

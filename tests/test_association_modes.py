@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fabricate import make_log, make_run
 from fastslam.config import merge
+from fastslam.datasets import load, write_native
 from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation import evaluate, evaluate_run
 from fastslam.log import Log
@@ -72,7 +73,9 @@ def interleaved_cones(seed: int) -> Log:
         "motion": {"speed_std_m_per_s": 0.09, "yaw_rate_std_rad_per_s": 0.015},
         "sensor": {"max_range_m": 10.0, "range_std_m": 0.2, "bearing_std_rad": 0.04},
     }
-    return simulate(merge(presets()["cones"], changes))
+    log = simulate(merge(presets()["cones"], changes))
+    # Without what such a log asks for by itself, colours above all.
+    return replace(log, config={key: log.config[key] for key in ("motion", "sensor", "initial_pose")})
 
 
 def test_colour_resolves_what_position_confuses() -> None:
@@ -95,6 +98,18 @@ def test_colour_resolves_what_position_confuses() -> None:
         assert np.mean((true_class == result.landmarks.class_index)[confirmed]) > 0.9
     # Measured: 0.089 m by place, 0.044 m by colour.
     assert np.median(errors_m["colour"]) < 0.7 * np.median(errors_m["place"]), errors_m
+
+
+@pytest.mark.parametrize("identities", ["none", "all"])
+def test_a_cone_track_brings_what_closes_its_loop(identities: str, tmp_path: Path) -> None:
+    changes = {"seed": 1, "scan": {"identities": identities}, "trajectory": {"laps": 2}}
+    write_native(simulate(merge(presets()["cones"], changes)), tmp_path / "log")
+    log = load(tmp_path / "log")
+    assert log.config["association"]["classes"] == {"number": 2, "correct_probability": 0.95}
+    metrics = evaluate(fastslam.run(log), log)
+    # Measured over 10 seeds: at most 0.1 m; a lost loop is 1 m and more.
+    assert metrics["smoothed_ate_rmse_m"] < 0.2
+    assert metrics["landmark_matched"] == 150 and metrics["landmark_precision"] > 0.95
 
 
 def coloured_map() -> LandmarkMap:

@@ -121,3 +121,21 @@ def test_bad_setting_of_the_log_names_the_log() -> None:
         run(bad)
     with pytest.raises(ConfigError, match=r"^sensor\.range_std_m: "):
         configure(log, {"sensor": {"range_std_m": -1.0}})
+
+
+def test_the_logs_own_association_is_for_particles() -> None:
+    log = make_small_log()
+    own = {
+        "method": "sampled",
+        "gate_probability": 0.95,
+        "detection_probability": 0.7,
+        "classes": {"number": 3},
+    }
+    log = replace(log, config={**log.config, "association": own})
+    particles = configure(log)["association"]
+    assert (particles["method"], particles["classes"]["number"]) == ("sampled", 3)
+    ekf = configure(log, {"algorithm": "ekf"})["association"]
+    assert (ekf["gate_probability"], ekf["detection_probability"], ekf["classes"]) == (0.95, None, None)
+    assert ekf["method"] == "maximum_likelihood"
+    with pytest.raises(ConfigError, match="method"):
+        configure(log, {"algorithm": "ekf", "association": {"method": "sampled"}})

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from . import _core
-from .config import Config
+from .config import Config, merge
 from .datasets.registry import load
 from .detection import with_sightings
 from .errors import ConfigError, DataError, NumericalError
@@ -22,16 +22,26 @@ Progress: TypeAlias = Callable[[int, int], None]
 """Called a few times a second with (steps done, steps in all)."""
 
 
+EKF_ASSOCIATION = ("mode", "gate_probability", "new_landmark_gate_probability", "new_landmark_density")
+"""What EKF-SLAM takes from a log's own settings of association; it refuses most others."""
+
+
 def configure(log: Log, *layers: Layer) -> Config:
     """The effective configuration: `layers` over the log's own settings over the defaults.
 
+    A log's own settings of association are for particles: with `algorithm: ekf` only its gates count.
+
     Errors: `ConfigError`; for the log's own settings the message names the log.
     """
+    own = log.config
     try:
-        Config.resolve(log.config)
+        Config.resolve(own)
     except ConfigError as error:
         raise ConfigError(f"{log.source}: {error}") from None
-    return Config.resolve(log.config, *layers)
+    if "association" in own and merge(own, *layers).get("algorithm") == "ekf":
+        kept = {key: value for key, value in own["association"].items() if key in EKF_ASSOCIATION}
+        own = {**own, "association": kept}
+    return Config.resolve(own, *layers)
 
 
 def run(
