@@ -20,7 +20,7 @@ from fastslam.evaluation import evaluate
 from fastslam.resultfiles import write_atomically
 from fastslam.simulation import resolve_simulation, simulate
 
-ANEW = {"every_steps": 200, "growth": 0.1, "spread": 0.5}
+ANEW = {"every_steps": 100, "growth": 0.03, "spread": 0.5}
 CASES: dict[str, dict[str, Any]] = {
     "known, 250 particles": {"filter": {"particles": 250}},
     "known, 30 particles, paths drawn anew": {"filter": {"particles": 30, "rejuvenation": ANEW}},
@@ -64,8 +64,8 @@ PAGE = """# The lawn-mower test
 Made by `python experiments/lawn_mower/run.py --out docs/lawn-mower.md`: a robot sweeps 1,000 landmarks in
 lanes of 14 m with 10 m of range, then again across, in 6,760 steps; every seed is another world, another path
 noise and another filter. FastSLAM 2.0, medians over seeds 1 to {seeds} and the worst in brackets, metres
-after rigid alignment. "Paths drawn anew" is [`filter.rejuvenation`](rejuvenation.md): every 200 steps,
-growth 0.1, spread 0.5.
+after rigid alignment. "Paths drawn anew" is [`filter.rejuvenation`](rejuvenation.md): every 100 steps,
+growth 0.03, spread 0.5.
 
 | identities | live path | smoothed path | map | found | live within 1 m | seconds per 1,000 steps |
 |---|---|---|---|---|---|---|

@@ -176,13 +176,16 @@ pub struct RejuvenationConfig {
     /// How far the draws lie from the most probable path: 1 as far as the posterior says. Less keeps the estimate nearer
     /// to it when the next resamplings leave few of the draws, and makes its covariance too small.
     pub spread: f64,
+    /// Before a draw, make landmarks of the map one where that is so many times likelier than that they are two: it
+    /// closes loops that the associations missed. 0 for never; only where identities are not all known.
+    pub closing_odds: f64,
     /// Draw only the poses of this many latest steps and hold the older ones; the whole path without it.
     pub window_steps: Option<u32>,
 }
 
 impl Default for RejuvenationConfig {
     fn default() -> Self {
-        Self { every_steps: 0, growth: 0.05, spread: 1.0, window_steps: None }
+        Self { every_steps: 0, growth: 0.05, spread: 1.0, closing_odds: 1000.0, window_steps: None }
     }
 }
 
@@ -409,6 +412,10 @@ impl FilterConfig {
         }
         fraction("rejuvenation.growth", self.rejuvenation.growth)?;
         fraction("rejuvenation.spread", self.rejuvenation.spread)?;
+        let odds = self.rejuvenation.closing_odds;
+        if !(odds == 0.0 || odds >= 1.0 && odds.is_finite()) {
+            return Err(Error::parameter("rejuvenation.closing_odds", odds, "0, or at least 1"));
+        }
         if self.rejuvenation.window_steps == Some(0) {
             return Err(Error::parameter("rejuvenation.window_steps", 0, "at least 1"));
         }

@@ -166,6 +166,32 @@ fn the_map_gets_better_also_without_identities() {
 }
 
 #[test]
+fn a_loop_that_the_associations_missed_is_closed() {
+    // Swept in lanes, then across: the way back to the first lanes is long, and the plain filter maps all a second time.
+    let (log, mut config, truth) = world("lawn-mower", 1, 10_000.0, fastslam_sim::Identities::None);
+    (config.filter.particles, config.filter.rejuvenation.every_steps) = (30, 200);
+    (config.filter.rejuvenation.growth, config.filter.rejuvenation.spread) = (0.1, 0.5);
+    let landmarks = truth.landmarks.position_m.len();
+    let merged = |output: &RunOutput| output.steps.iter().map(|step| step.info.merged).sum::<u32>();
+    config.filter.rejuvenation.closing_odds = 0.0;
+    let open = run(&config, &log, &mut Blind).unwrap();
+    assert_eq!(merged(&open), 0);
+    assert!(open.map.landmarks.len() > 2 * landmarks - 100, "{} landmarks: no loop to close", open.map.landmarks.len());
+    config.filter.rejuvenation.closing_odds = 1000.0;
+    let closed = run(&config, &log, &mut Blind).unwrap();
+    let held = closed.map.landmarks.len();
+    println!("{held} landmarks of {landmarks}, {} merged", merged(&closed));
+    assert!(merged(&closed) > 0 && (landmarks..landmarks + 10).contains(&held), "{held} landmarks");
+    // Metres off at the far end, as the first lanes leave it; a multiple of that where the second sweep has its own map.
+    let (off, off_open) = (map_rmse(&closed, &truth), map_rmse(&open, &truth));
+    assert!(3.0 * off < off_open, "map RMSE {off:.2} m, {off_open:.2} m with the loop open");
+    for store in [StoreKind::Dense, StoreKind::Tree] {
+        config.filter.store = store;
+        assert_eq!(run(&config, &log, &mut Blind).unwrap().map, closed.map, "{store:?}");
+    }
+}
+
+#[test]
 fn neither_the_store_nor_the_number_of_threads_changes_a_bit() {
     for identities in
         [fastslam_sim::Identities::All, fastslam_sim::Identities::None, fastslam_sim::Identities::Fraction(0.5)]

@@ -103,7 +103,7 @@ def configuration() -> dict[str, Any]:
         # Trees are seen at almost 5 Hz, and the errors of the round-trunk model repeat from scan to scan.
         "filter": {
             "likelihood_exponent": 0.2,
-            "rejuvenation": {"every_steps": 200, "growth": 0.1, "spread": 0.2},
+            "rejuvenation": {"every_steps": 100, "growth": 0.03, "spread": 0.2},
         },
         # About half of all detections are people, cars and bushes.
         "association": {"existence": {"removal": "when_missed"}},

@@ -91,6 +91,27 @@ impl Appearances {
         }
     }
 
+    /// How much likelier two landmarks of one map look as they do if they are one thing than if they are two:
+    /// ln Σ_c p(c) q(c) · C, and ln N(difference of the signatures) · spread.
+    pub fn evidence_of_one(&self, slots: [u32; 2], particle: usize) -> f64 {
+        let mut rows = [vec![0.0; self.columns], vec![0.0; self.columns]];
+        let held = slots.iter().zip(&mut rows).all(|(slot, row)| self.store.read_row(*slot, particle, row));
+        if !held {
+            return 0.0;
+        }
+        let [a, b] = &rows;
+        let mut evidence = 0.0;
+        if let Some(classes) = &self.classes {
+            let alike: f64 = a[FIRST_CLASS..].iter().zip(&b[FIRST_CLASS..]).map(|(p, q)| p * q).sum();
+            evidence += math::ln(alike * f64::from(classes.number));
+        }
+        if let Some(signatures) = self.signatures.as_ref().filter(|_| a[VARIANCE] != 0.0 && b[VARIANCE] != 0.0) {
+            let (off, variance) = (a[MEAN] - b[MEAN], a[VARIANCE] + b[VARIANCE]);
+            evidence += math::ln(signatures.spread) - 0.5 * (off * off / variance + math::ln(variance) + LN_TAU);
+        }
+        evidence
+    }
+
     /// Takes a sighting's appearance for the landmark's own in the maps that `mask` marks.
     pub fn learn(&mut self, slot: u32, mask: &[bool], appearance: Appearance) {
         let Appearance { class, signature } = self.heeded(appearance);

@@ -146,6 +146,23 @@ impl<M: MeasurementModel> FastSlam<M> {
                 }
             }
         });
+        self.settle([older, younger], &union);
+        u32::from(union.fused[self.particles.best()])
+    }
+
+    /// Makes a landmark that all maps hold one with another that they all hold too, whose Gaussians know of it already.
+    pub(super) fn unite(&mut self, [older, younger]: [u32; 2]) {
+        let n = self.particles.len();
+        let more = self.landmarks.read(younger).column(column::SIGHTINGS).to_vec();
+        self.landmarks.update(older, None, |mut rows| {
+            rows.column(column::SIGHTINGS).iter_mut().zip(&more).for_each(|(count, more)| *count += more);
+        });
+        self.settle([older, younger], &Union { moved: vec![false; n], fused: vec![true; n] });
+    }
+
+    /// Everything but the Gaussians of two landmarks that became one.
+    fn settle(&mut self, [older, younger]: [u32; 2], union: &Union) {
+        let touched: Vec<bool> = union.moved.iter().zip(&union.fused).map(|(moved, fused)| *moved || *fused).collect();
         self.merger.united.insert(self.landmarks.birth(younger), self.landmarks.birth(older));
         self.merge_existence([older, younger], &touched);
         if let Some(appearances) = &mut self.landmarks.appearances {
@@ -154,7 +171,6 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.forget(younger, older, &touched);
         let Particles { landmarks, .. } = &mut self.particles;
         landmarks.iter_mut().zip(&union.fused).for_each(|(count, fused)| *count -= u32::from(*fused));
-        u32::from(union.fused[self.particles.best()])
     }
 
     /// Takes a landmark out of the maps in which it went over into another.

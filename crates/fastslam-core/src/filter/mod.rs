@@ -332,6 +332,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.remember_step();
             if self.rejuvenation_is_due() {
                 info.rejuvenated = self.rejuvenate();
+                info.merged += self.closed();
             }
         }
         info.landmarks = self.particles.landmarks[self.particles.best()];

@@ -1,5 +1,6 @@
 //! The sparse Cholesky factor of a precision matrix: solves with it, and draws from the Gaussian it describes.
 
+use super::conditional::LANES;
 use crate::vector::vectorized;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::{
@@ -85,7 +86,7 @@ impl Factor {
     /// A⁻¹ b.
     pub fn solve(&self, b: &[f64]) -> Vec<f64> {
         let mut x: Vec<[f64; 1]> = (0..b.len()).map(|i| [b[self.original(i)]]).collect();
-        self.forward(&mut x);
+        self.forward(&mut x, 0);
         self.backward(&mut x);
         let mut solution = vec![0.0; b.len()];
         (0..b.len()).for_each(|i| solution[self.original(i)] = x[i][0]);
@@ -101,6 +102,23 @@ impl Factor {
         normal.iter().enumerate().for_each(|(i, x)| out(self.original(i), x));
     }
 
+    /// The covariance of some variables: their rows and columns of A⁻¹.
+    pub fn covariance(&self, variables: &[usize]) -> Vec<Vec<f64>> {
+        let positions: Vec<usize> = variables.iter().map(|v| self.position(*v)).collect();
+        let mut covariance = vec![vec![0.0; variables.len()]; variables.len()];
+        let mut x = vec![[0.0; LANES]; self.size()];
+        for (block, columns) in positions.chunks(LANES).enumerate() {
+            x.fill([0.0; LANES]);
+            columns.iter().enumerate().for_each(|(lane, position)| x[*position][lane] = 1.0);
+            self.forward(&mut x, columns.iter().copied().min().unwrap_or(0));
+            self.backward(&mut x);
+            for (row, position) in covariance.iter_mut().zip(&positions) {
+                row[block * LANES..][..columns.len()].copy_from_slice(&x[*position][..columns.len()]);
+            }
+        }
+        covariance
+    }
+
     /// Number of variables.
     pub fn size(&self) -> usize {
         self.symbolic.nrows()
@@ -109,6 +127,11 @@ impl Factor {
     /// The variable in row `i` of L.
     fn original(&self, i: usize) -> usize {
         self.symbolic.perm().map_or(i, |perm| perm.arrays().0[i])
+    }
+
+    /// The row of L that belongs to a variable.
+    fn position(&self, variable: usize) -> usize {
+        self.symbolic.perm().map_or(variable, |perm| perm.arrays().1[variable])
     }
 
     /// Rows and values of a column of L, diagonal first.
@@ -121,15 +144,26 @@ impl Factor {
         starts.windows(2).map(|w| (&rows[w[0]..w[1]], &self.values[w[0]..w[1]]))
     }
 
-    /// L⁻¹ x.
-    fn forward(&self, x: &mut [[f64; 1]]) {
-        for (j, (rows, values)) in self.columns().enumerate() {
-            let xj = x[j][0] / values[0];
-            x[j][0] = xj;
-            for (row, value) in rows[1..].iter().zip(&values[1..]) {
-                x[*row][0] -= value * xj;
-            }
-        }
+    /// L⁻¹ x, all lanes side by side; x is zero above the row `first`.
+    fn forward<const N: usize>(&self, x: &mut [[f64; N]], first: usize) {
+        vectorized(
+            #[inline(always)]
+            || {
+                for (j, (rows, values)) in self.columns().enumerate().skip(first) {
+                    let mut own = x[j];
+                    for lane in 0..N {
+                        own[lane] /= values[0];
+                    }
+                    x[j] = own;
+                    for (row, value) in rows[1..].iter().zip(&values[1..]) {
+                        let other = &mut x[*row];
+                        for lane in 0..N {
+                            other[lane] -= value * own[lane];
+                        }
+                    }
+                }
+            },
+        );
     }
 
     /// L⁻ᵀ x, all lanes side by side.
@@ -193,6 +227,25 @@ mod tests {
             let got: f64 = row.iter().zip(&x).map(|(a, x)| a * x).sum();
             assert!((got - expected).abs() < 1e-12, "{got} for {expected}");
         }
+    }
+
+    #[test]
+    fn a_covariance_is_a_part_of_the_inverse() {
+        let (upper, dense) = ring(20);
+        let mut factor = Factor::of_structure(&upper).unwrap();
+        assert!(factor.factorize(&upper));
+        let all: Vec<usize> = (0..20).rev().collect();
+        let covariance = factor.covariance(&all);
+        for (r, row) in dense.iter().enumerate() {
+            for c in 0..20 {
+                let product: f64 = (0..20).map(|k| row[k] * covariance[19 - k][19 - c]).sum();
+                assert!((product - f64::from(u8::from(r == c))).abs() < 1e-12, "({r},{c}): {product}");
+            }
+        }
+        assert_eq!(
+            factor.covariance(&[4, 17]),
+            vec![vec![covariance[15][15], covariance[15][2]], vec![covariance[2][15], covariance[2][2]]]
+        );
     }
 
     #[test]

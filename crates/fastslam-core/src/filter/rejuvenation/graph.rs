@@ -74,6 +74,8 @@ pub struct Solution {
 pub struct Mode {
     /// Where the posterior is highest.
     pub solution: Solution,
+    /// Minus the logarithm of the posterior there, up to a constant.
+    pub cost: f64,
     /// Of the precision there.
     pub factor: Factor,
 }
@@ -91,40 +93,40 @@ impl<M: MeasurementModel> Graph<'_, M> {
         let layout = self.layout(guess.trajectory.poses.len());
         let mut matrix = self.structure(&layout);
         let mut factor = Factor::of_structure(&matrix)?;
-        let (mut solution, mut cost) = (guess, f64::INFINITY);
+        let (mut solution, mut cost) = (guess.clone(), self.cost(&guess));
         for _ in 0..ITERATIONS {
             let descent = self.linearize(&solution, &layout, &mut matrix);
-            cost = cost.min(self.cost(&solution));
-            let Some((better, converged)) = self.descend(&solution, cost, &descent, (&mut matrix, &mut factor)) else {
+            let system = (&mut matrix, &mut factor);
+            let Some((better, converged)) = self.descend((&solution, cost), &descent, system) else {
                 break;
             };
-            solution = better;
+            (solution, cost) = better;
             if converged {
-                return Some(Mode { solution, factor });
+                return Some(Mode { solution, cost, factor });
             }
         }
         self.linearize(&solution, &layout, &mut matrix);
-        let usable = self.cost(&solution).is_finite() && factor.factorize(&matrix);
-        usable.then_some(Mode { solution, factor })
+        let usable = cost.is_finite() && factor.factorize(&matrix);
+        usable.then_some(Mode { solution, cost, factor })
     }
 
-    /// A better solution by Gauss–Newton, damped only if it must be, and whether it is as good as the one before, so
-    /// that `factor` holds for both; `None` when there is none.
+    /// A better solution by Gauss–Newton with its cost, damped only if it must be, and whether it is as good as the one
+    /// before, so that `factor` holds for both; `None` when there is none.
     fn descend(
         &self,
-        solution: &Solution,
-        cost: f64,
+        (solution, cost): (&Solution, f64),
         descent: &[f64],
         (matrix, factor): (&mut UpperTriangle, &mut Factor),
-    ) -> Option<(Solution, bool)> {
+    ) -> Option<((Solution, f64), bool)> {
         for damping in DAMPING {
             matrix.scale_diagonal(1.0 + damping);
             if factor.factorize(matrix) {
                 let step = factor.solve(descent);
                 let moved = self.moved(solution, &step);
-                if self.cost(&moved) <= cost {
+                let new_cost = self.cost(&moved);
+                if new_cost <= cost {
                     let converged = damping == 0.0 && step.iter().all(|s| s.abs() < SMALL_STEP);
-                    return Some((moved, converged));
+                    return Some(((moved, new_cost), converged));
                 }
             }
             matrix.scale_diagonal(1.0 / (1.0 + damping));

@@ -8,12 +8,14 @@
 //! **Source:** `beevers2007fixedlag` for the idea of drawing past poses again; the exact factorisation
 //! (`montemerlo2002fastslam`, eq. 3) is what makes landmarks follow from a path. Exact in a linear-Gaussian world.
 
+mod closing;
 mod conditional;
+mod differences;
 mod factor;
 mod graph;
 mod history;
 
-use super::FastSlam;
+use super::{FastSlam, Identities};
 use crate::association::{CandidateTable, Decision, ScanSighting};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, Gaussian};
@@ -21,6 +23,7 @@ use crate::math;
 use crate::measurement::MeasurementModel;
 use crate::random::{Purpose, Stream};
 use crate::vector::vectorized;
+use closing::Closing;
 use conditional::{Draws, Lanes, LANES};
 use graph::{by_landmark, Graph, Mode, Sights, Solution};
 use history::{History, Trajectory, NO_LANDMARK};
@@ -34,6 +37,8 @@ pub(super) struct Rejuvenation {
     last: usize,
     /// How often it was done: numbers the random streams.
     count: u64,
+    /// Landmarks that went over into others at the last time.
+    merged: u32,
 }
 
 impl Rejuvenation {
@@ -113,17 +118,25 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// found.
     pub fn rejuvenate(&mut self) -> bool {
         let Some(mut rejuvenation) = self.rejuvenation.take() else { return false };
-        let done = rejuvenation.history.steps() > rejuvenation.last && self.start_anew(&rejuvenation);
-        rejuvenation.count += u64::from(done);
+        let fresh = rejuvenation.history.steps() > rejuvenation.last;
+        let merged = fresh.then(|| self.start_anew(&rejuvenation)).flatten();
+        rejuvenation.count += u64::from(merged.is_some());
         rejuvenation.last = rejuvenation.history.steps();
-        if done {
+        rejuvenation.merged = merged.unwrap_or(0);
+        if merged.is_some() {
             rejuvenation.history.resample(&self.ancestor_indices);
         }
         self.rejuvenation = Some(rejuvenation);
-        done
+        merged.is_some()
     }
 
-    fn start_anew(&mut self, rejuvenation: &Rejuvenation) -> bool {
+    /// Landmarks that went over into others when all was drawn anew the last time.
+    pub(super) fn closed(&self) -> u32 {
+        self.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged)
+    }
+
+    /// Returns how many landmarks went over into others; `None` when nothing was done.
+    fn start_anew(&mut self, rejuvenation: &Rejuvenation) -> Option<u32> {
         let (history, best) = (&rejuvenation.history, self.particles.best());
         let means = self.means_of(best);
         let mut seen = history.seen_by(best);
@@ -136,13 +149,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         landmarks.retain(|sights| sights.seen.last().is_some_and(|last| last.step as usize >= first_free));
         let poses: Vec<Pose> = self.path.path(best).into_iter().map(|(_, pose)| pose).collect();
         if poses.len() != history.steps() {
-            return false;
+            return None;
         }
         let guess = Solution {
             trajectory: Trajectory { start: self.config.initial_pose.T_world_robot(), poses },
             landmarks: landmarks.iter().map(|sights| means[&sights.birth].1).collect(),
         };
-        let graph = Graph {
+        let mut graph = Graph {
             history,
             model: &self.model,
             T_robot_sensor: self.T_robot_sensor,
@@ -150,13 +163,47 @@ impl<M: MeasurementModel> FastSlam<M> {
             first_free,
             landmarks,
         };
-        let Some(mode) = graph.solve(guess) else { return false };
+        let mode = graph.solve(guess)?;
         let stream = self.random.stream(Purpose::Rejuvenation, rejuvenation.count);
+        let (mode, merges) = self.close_loops(&mut graph, mode, stream, &means);
         let sampling = Sampling { stream, count: self.particles.len(), spread: self.config.filter.rejuvenation.spread };
         let drawn = draw(&graph, &mode, &sampling);
         let landmarks = graph.landmarks;
         self.adopt(best, &mode.solution, &drawn, &landmarks, &means);
-        true
+        for [younger, older] in &merges {
+            self.unite([older, younger].map(|birth| means[birth].0));
+        }
+        Some(merges.len() as u32)
+    }
+
+    /// Closes the loops that the best particle has missed, if the configuration wants that.
+    fn close_loops(
+        &self,
+        graph: &mut Graph<'_, M>,
+        mode: Mode,
+        stream: Stream,
+        slots: &FxHashMap<u32, (u32, [f64; 2])>,
+    ) -> (Mode, Vec<[u32; 2]>) {
+        let odds = self.config.filter.rejuvenation.closing_odds;
+        if odds == 0.0 || self.identities == Identities::All {
+            return (mode, Vec::new());
+        }
+        let best = self.particles.best();
+        let evidence = |births: [u32; 2]| {
+            let [older, younger] = births.map(|birth| slots[&birth].0);
+            let named = self.landmarks.slot(younger).is_some_and(|slot| slot.identity.is_some());
+            let looks = self.landmarks.appearances.as_ref();
+            (!named).then(|| looks.map_or(0.0, |looks| looks.evidence_of_one([older, younger], best)))
+        };
+        let tolerance = self.config.association.merging.tolerance_std_m;
+        let closing = Closing { log_odds: math::ln(odds), tolerance_m2: tolerance * tolerance, evidence: &evidence };
+        graph.close_loops(mode, &closing, |size, pass| {
+            let mut numbers = vec![[0.0; LANES]; size];
+            // Particles have lower numbers.
+            let sampling = Sampling { stream, count: LANES, spread: 1.0 };
+            fill_normal(&mut numbers, &sampling, u32::MAX - ((pass + 1) * LANES) as u32);
+            numbers
+        })
     }
 
     /// Slot and mean of every landmark in one map, by birth.
