@@ -163,9 +163,9 @@ worlds (120 s each).
 
 {table}
 
-Ten particles of FastSLAM 2.0 do as well as a hundred of 1.0 on Lost in the Woods and in the demo, and a little worse
-on UTIAS and in the loop. With paths drawn anew ten do better than a thousand of either without; one does nearly as
-well, because what then decides is the posterior over paths and no longer the particles.
+Ten particles of FastSLAM 2.0 do as well as a hundred of 1.0 on Lost in the Woods and in the demo, and a
+little worse on UTIAS and in the loop. With paths drawn anew ten do better than a thousand of either without;
+one does nearly as well, because what then decides is the posterior over paths and no longer the particles.
 """
 
 
