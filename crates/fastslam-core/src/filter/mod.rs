@@ -233,6 +233,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let workers = Workers::new(config.filter.threads)?;
         let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
         let mut landmarks = Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius);
+        landmarks.set_workers(&workers);
         landmarks.appearances = Appearances::new(config.filter.store, particles, &config.association);
         Ok(Self {
             landmarks,
@@ -328,7 +329,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         done?;
         if info.sampled {
             let particles = &self.particles;
-            self.path.extend(stamp_s, |i| particles.pose(i));
+            self.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
             self.remember_step();
             if self.rejuvenation_is_due() {
                 info.rejuvenated = self.rejuvenate();
@@ -425,10 +426,16 @@ impl<M: MeasurementModel> FastSlam<M> {
         if enough != count {
             resampling::resample(settings.scheme, &self.weights.values, enough, stream, &mut self.ancestor_indices);
         }
-        self.particles.resample(&self.ancestor_indices);
+        let Self { particles, landmarks, path, ancestor_indices, .. } = self;
+        self.workers.both(
+            count,
+            || path.resample(ancestor_indices),
+            || {
+                particles.resample(ancestor_indices);
+                landmarks.resample(ancestor_indices);
+            },
+        );
         self.log_likelihood.resize(enough, 0.0);
-        self.landmarks.resample(&self.ancestor_indices);
-        self.path.resample(&self.ancestor_indices);
         self.resample_history();
         info.resampled = true;
         true

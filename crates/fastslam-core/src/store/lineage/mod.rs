@@ -8,6 +8,7 @@ mod arena;
 mod chain;
 
 use super::{LandmarkStore, Rows, RowsMut, StoreUsage};
+use crate::workers::{Workers, PART};
 use arena::{Arena, Place};
 use chain::{Chain, Level, NONE};
 
@@ -37,6 +38,7 @@ pub struct LineageStore {
     /// Rows of the landmark that is being read, in particle order.
     scratch: Vec<f64>,
     sweep: Sweep,
+    workers: Workers,
 }
 
 /// The rows of one landmark: as many as its level has lineages, column after column.
@@ -85,6 +87,7 @@ impl LineageStore {
             held: 0,
             scratch: Vec::new(),
             sweep: AT_REST,
+            workers: Workers::default(),
         }
     }
 
@@ -175,7 +178,7 @@ impl LineageStore {
             Through::Map => self.chain.map(old.level),
             Through::Parents => self.chain.parents_of(level),
         };
-        gather(source, target, self.columns, lineages);
+        gather(&self.workers, source, target, lineages);
         self.values.free(old.place, from);
         self.link(slot, level, place);
         self.drop_if_empty(old.level);
@@ -281,38 +284,43 @@ enum Through {
 }
 
 /// `target[c][i] = source[c][lineages[i]]`; no lineages mean that all rows are copies of the only one.
-fn gather(source: &[f64], target: &mut [f64], columns: usize, lineages: &[u32]) {
+fn gather(workers: &Workers, source: &[f64], target: &mut [f64], lineages: &[u32]) {
     if target.is_empty() {
         return;
     }
-    let (from, to) = (source.len() / columns, target.len() / columns);
-    if from == 1 {
+    if lineages.is_empty() {
+        let to = target.len() / source.len();
         target.chunks_exact_mut(to).zip(source).for_each(|(target, value)| target.fill(*value));
         return;
     }
+    let to = lineages.len();
+    let from = source.len() * to / target.len();
     // Three columns side by side, so that an index is read and checked once for all of them.
     let (mut source, mut target) = (source.chunks_exact(from), target.chunks_exact_mut(to));
     while let (Some(a), Some(x)) = (source.next(), target.next()) {
         if let (Some(b), Some(y)) = (source.next(), target.next()) {
             match (source.next(), target.next()) {
-                (Some(c), Some(z)) => gather_columns([a, b, c], [x, y, z], lineages),
-                _ => gather_columns([a, b], [x, y], lineages),
+                (Some(c), Some(z)) => gather_columns(workers, [a, b, c], [x, y, z], lineages),
+                _ => gather_columns(workers, [a, b], [x, y], lineages),
             }
         } else {
-            gather_columns([a], [x], lineages);
+            gather_columns(workers, [a], [x], lineages);
         }
     }
 }
 
-fn gather_columns<const N: usize>(source: [&[f64]; N], target: [&mut [f64]; N], lineages: &[u32]) {
-    let (from, to) = (source[0].len(), lineages.len());
+fn gather_columns<const N: usize>(workers: &Workers, source: [&[f64]; N], target: [&mut [f64]; N], lineages: &[u32]) {
+    let from = source[0].len();
     let source = source.map(|column| &column[..from]);
-    let target = target.map(|column| &mut column[..to]);
-    for (i, &lineage) in lineages.iter().enumerate() {
-        for column in 0..N {
-            target[column][i] = source[column][lineage as usize];
+    workers.share(target, PART, &|first, target: [&mut [f64]; N]| {
+        let lineages = &lineages[first..][..target[0].len()];
+        let target = target.map(|column| &mut column[..lineages.len()]);
+        for (i, &lineage) in lineages.iter().enumerate() {
+            for column in 0..N {
+                target[column][i] = source[column][lineage as usize];
+            }
         }
-    }
+    });
 }
 
 impl LandmarkStore for LineageStore {
@@ -347,7 +355,7 @@ impl LandmarkStore for LineageStore {
         } else {
             let length = self.length(level);
             let lineages = if length == self.columns { &[] } else { self.chain.map(level) };
-            gather(self.values.get(place, length), &mut self.scratch, self.columns, lineages);
+            gather(&self.workers, self.values.get(place, length), &mut self.scratch, lineages);
         }
         Rows::new(&self.scratch, particles)
     }
@@ -362,7 +370,7 @@ impl LandmarkStore for LineageStore {
         let (begin, length) = (out.len(), self.length(level));
         out.resize(begin + self.chain.particles() * self.columns, 0.0);
         let lineages = if length == self.columns { &[] } else { self.chain.map(level) };
-        gather(self.values.get(place, length), &mut out[begin..], self.columns, lineages);
+        gather(&self.workers, self.values.get(place, length), &mut out[begin..], lineages);
     }
 
     fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool {
@@ -413,6 +421,10 @@ impl LandmarkStore for LineageStore {
         self.chain.resample(ancestor_indices);
         self.begin_sweep(self.alive / (DEATHS_COUNTED * self.held.max(1)), ROWS_PERCENT);
         self.prune(PRUNED_AT_ONCE[0]);
+    }
+
+    fn set_workers(&mut self, workers: &Workers) {
+        self.workers = workers.clone();
     }
 
     fn usage(&self) -> StoreUsage {
