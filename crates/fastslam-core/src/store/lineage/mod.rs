@@ -309,18 +309,28 @@ fn gather(workers: &Workers, source: &[f64], target: &mut [f64], lineages: &[u32
     }
 }
 
-fn gather_columns<const N: usize>(workers: &Workers, source: [&[f64]; N], target: [&mut [f64]; N], lineages: &[u32]) {
-    let from = source[0].len();
-    let source = source.map(|column| &column[..from]);
+fn gather_columns<const N: usize>(
+    workers: &Workers,
+    source: [&[f64]; N],
+    target: [&mut [f64]; N],
+    lineages: &[u32],
+) {
     workers.share(target, PART, &|first, target: [&mut [f64]; N]| {
         let lineages = &lineages[first..][..target[0].len()];
-        let target = target.map(|column| &mut column[..lineages.len()]);
-        for (i, &lineage) in lineages.iter().enumerate() {
-            for column in 0..N {
-                target[column][i] = source[column][lineage as usize];
-            }
-        }
+        gather_part(source, target, lineages);
     });
+}
+
+#[inline(never)] // On its own the compiler sees that the columns are of one length, and checks an index once.
+fn gather_part<const N: usize>(source: [&[f64]; N], target: [&mut [f64]; N], lineages: &[u32]) {
+    let (from, to) = (source[0].len(), lineages.len());
+    let source = source.map(|column| &column[..from]);
+    let target = target.map(|column| &mut column[..to]);
+    for (i, &lineage) in lineages.iter().enumerate() {
+        for column in 0..N {
+            target[column][i] = source[column][lineage as usize];
+        }
+    }
 }
 
 impl LandmarkStore for LineageStore {
