@@ -309,12 +309,7 @@ fn gather(workers: &Workers, source: &[f64], target: &mut [f64], lineages: &[u32
     }
 }
 
-fn gather_columns<const N: usize>(
-    workers: &Workers,
-    source: [&[f64]; N],
-    target: [&mut [f64]; N],
-    lineages: &[u32],
-) {
+fn gather_columns<const N: usize>(workers: &Workers, source: [&[f64]; N], target: [&mut [f64]; N], lineages: &[u32]) {
     workers.share(target, PART, &|first, target: [&mut [f64]; N]| {
         let lineages = &lineages[first..][..target[0].len()];
         gather_part(source, target, lineages);
