@@ -20,8 +20,8 @@ SECONDS_PER_LANDMARK = 0.76
 
 
 REJUVENATION: Mapping[str, Mapping[str, float]] = {
-    "known": {"every_steps": 500, "growth": 0.05, "spread": 0.3, "window_steps": 2000},
-    "unknown": {"every_steps": 200, "growth": 0.0, "spread": 0.3, "window_steps": 1500},
+    "known": {"every_steps": 500, "growth": 0.0, "spread": 0.3, "window_steps": 2000},
+    "unknown": {"every_steps": 200, "growth": 0.0, "spread": 0.5, "window_steps": 2500},
 }
 """How the headline runs draw their paths anew, by association (`docs/rejuvenation.md`)."""
 
