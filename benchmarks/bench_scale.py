@@ -2,20 +2,22 @@
 
     python benchmarks/bench_scale.py [--quick] [--out benchmarks/reports]
 
-The full sweep takes some minutes and 2 GB of memory; `--quick` takes less than one and writes its report to
-`results/benchmarks`. Least values and ratios within one run are what to compare: on a shared machine other
-processes lengthen the median and the 99th percentile.
+The full sweep takes about a quarter of an hour and 3 GB of memory; `--quick` takes about a minute and writes
+its report to `results/benchmarks`. Least values and ratios within one run are what to compare: on a shared
+machine other processes lengthen the median and the 99th percentile.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 from datetime import datetime, timezone
 from pathlib import Path
 
 from scale_cases import (
+    algorithm_cases,
     headline_cases,
-    many_particles_case,
+    many_particles_cases,
     measure_all,
     particle_cases,
     ratio_cases,
@@ -33,13 +35,16 @@ def main() -> None:
     arguments = parser.parse_args()
     quick = arguments.quick
     folder = arguments.out or Path("results/benchmarks" if quick else "benchmarks/reports")
+    started, load = datetime.now(timezone.utc), os.getloadavg()[0]
     ratio = measure_all(ratio_cases(quick=quick), label="ratio")
     sweep = Sweep(
-        started=datetime.now(timezone.utc),
+        started=started,
+        load=load,
         quick=quick,
         ratio=ratio,
         headline=measure_all(headline_cases(quick=quick), label="headline"),
-        many_particles=measure_all([many_particles_case(quick=quick)], label="many particles")[0],
+        algorithms=measure_all(algorithm_cases(quick=quick), label="1.0 and 2.0"),
+        many_particles=measure_all(many_particles_cases(quick=quick), label="many particles"),
         by_landmarks=[*measure_all(store_cases(quick=quick), label="landmarks"), ratio[1]],
         by_particles=measure_all(particle_cases(quick=quick), label="particles"),
     )

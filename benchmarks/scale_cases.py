@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import multiprocessing
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import fastslam
@@ -18,6 +18,15 @@ from fastslam.simulation import resolve_simulation, simulate
 SECONDS_PER_LANDMARK = 0.76
 """The first sweep over a world at the headline's density (0.05 landmarks per m², 2 m/s) takes 0.73 s each."""
 
+
+REJUVENATION: Mapping[str, Mapping[str, float]] = {
+    "known": {"every_steps": 500, "growth": 0.0, "spread": 0.3, "window_steps": 2000},
+    "unknown": {"every_steps": 200, "growth": 0.0, "spread": 0.5, "window_steps": 2500},
+}
+"""How the headline runs draw their paths anew, by association (`docs/rejuvenation.md`)."""
+
+SCORES = ("landmark_rmse_m", "landmark_matched", "ate_rmse_m", "smoothed_ate_rmse_m")
+"""Metrics of a scored run that the report shows."""
 
 FEWEST_STEPS = 8
 """Steps with the same number of sightings that are worth a least and a median."""
@@ -34,6 +43,9 @@ class Case:
     algorithm: str = "fastslam1"
     extra_s: float = 2000.0
     max_range_m: float = 10.0
+    threads: int = 1
+    rejuvenated: bool = False
+    """Whether paths are drawn anew, with the settings of `REJUVENATION`."""
     scored: bool = False
     """Whether the map is compared with the truth."""
     seed: int = 1
@@ -56,6 +68,7 @@ class Measurement:
     filter_seconds: float
     """All steps of the run, the mapping of the world included."""
     simulation_seconds: float
+    rejuvenations: int
     map_rows: int
     map_bytes: int
     peak_memory_bytes: int
@@ -78,18 +91,29 @@ def make_log(case: Case) -> Log:
     return simulate(resolve_simulation(changes, preset="headline", landmarks=case.landmarks))
 
 
+def configuration(case: Case) -> dict[str, Any]:
+    """What the filter of a case is told."""
+    settings: dict[str, Any] = {
+        "particles": case.particles,
+        "store": case.store,
+        "threads": case.threads,
+    }
+    if case.rejuvenated:
+        settings["rejuvenation"] = dict(REJUVENATION[case.association])
+    return {
+        "algorithm": case.algorithm,
+        "seed": case.seed,
+        "association": {"mode": case.association},
+        "filter": settings,
+    }
+
+
 def measure(case: Case) -> Measurement:
     """Simulates and runs one case in this process."""
     start = time.perf_counter()
     log = make_log(case)
     simulation_seconds = time.perf_counter() - start
-    config = {
-        "algorithm": case.algorithm,
-        "seed": case.seed,
-        "association": {"mode": case.association},
-        "filter": {"particles": case.particles, "store": case.store},
-    }
-    result = fastslam.run(log, config)
+    result = fastslam.run(log, configuration(case))
     steps = result.steps
     known = (steps.new_landmarks == 0) & (steps.sightings >= 4)
     steady = known & (steps.stamp_s > steps.stamp_s[-1] - case.extra_s)
@@ -109,10 +133,11 @@ def measure(case: Case) -> Measurement:
         sightings=len(log.sightings.stamp_s),
         filter_seconds=result.filter_seconds,
         simulation_seconds=simulation_seconds,
+        rejuvenations=int(steps.rejuvenated.sum()),
         map_rows=result.map_rows,
         map_bytes=result.map_bytes,
         peak_memory_bytes=result.peak_memory_bytes,
-        metrics={name: metrics[name] for name in ("landmark_rmse_m", "landmark_matched") if name in metrics},
+        metrics={name: metrics[name] for name in SCORES if name in metrics},
     )
 
 
@@ -154,7 +179,7 @@ def measure_all(cases: Sequence[Case], *, label: str) -> list[Measurement]:
         one = done[-1]
         print(
             f"[{label} {number}/{len(cases)}] {case.algorithm} {case.association} {case.store:>7}"
-            f" K={case.landmarks} M={case.particles}: {one.ns_per_particle_sighting[0]:.1f} /"
+            f" K={case.landmarks} M={case.particles} x{case.threads}: {one.ns_per_particle_sighting[0]:.1f} /"
             f" {one.ns_per_particle_sighting[1]:.1f} ns per particle-sighting (least / median),"
             f" {one.filter_seconds:.2f} s",
             flush=True,
@@ -194,17 +219,40 @@ def ratio_cases(*, quick: bool) -> list[Case]:
     return [Case(k, 250, extra_s=300.0 if quick else 2000.0) for k in (small, large, small)]
 
 
-def many_particles_case(*, quick: bool) -> Case:
-    """100,000 particles and a sensor that sees eight landmarks on average."""
-    return Case(100, 20_000 if quick else 100_000, extra_s=50.0 if quick else 150.0, max_range_m=7.1)
+def algorithm_cases(*, quick: bool) -> list[Case]:
+    """FastSLAM 2.0 between two runs of 1.0, for two numbers of particles."""
+    particles = [250] if quick else [250, 1000]
+    order = ("fastslam1", "fastslam2", "fastslam1")
+    extra_s = 300.0 if quick else 2000.0
+    return [
+        Case(300 if quick else 1000, m, algorithm=name, extra_s=extra_s) for m in particles for name in order
+    ]
+
+
+def many_particles_cases(*, quick: bool) -> list[Case]:
+    """100,000 particles and a sensor that sees eight landmarks on average, with one thread and with two."""
+    particles, extra_s = (20_000, 50.0) if quick else (100_000, 150.0)
+    return [
+        Case(100, particles, algorithm=name, extra_s=extra_s, max_range_m=7.1, threads=threads)
+        for name in ("fastslam1", "fastslam2")
+        for threads in (1, 2)
+    ]
 
 
 def headline_cases(*, quick: bool) -> list[Case]:
-    """The paper's run with both algorithms, with and without identities, then the tree's memory beside it."""
+    """The paper's run: both algorithms, with and without identities; with paths drawn anew; the tree."""
     landmarks, extra_s = (1000, 100.0) if quick else (50_000, 500.0)
     runs = [
         Case(landmarks, 250, association=association, algorithm=algorithm, extra_s=extra_s, scored=True)
         for algorithm in ("fastslam1", "fastslam2")
         for association in ("known", "unknown")
     ]
-    return [*runs, Case(landmarks, 250, "tree", extra_s=extra_s)]
+    anew = [
+        replace(runs[0], algorithm=algorithm, association=association, rejuvenated=True)
+        for algorithm, association in (
+            ("fastslam1", "known"),
+            ("fastslam2", "known"),
+            ("fastslam2", "unknown"),
+        )
+    ]
+    return [*runs, *anew, Case(landmarks, 250, "tree", extra_s=extra_s)]

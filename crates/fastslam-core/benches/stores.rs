@@ -228,6 +228,7 @@ fn main() {
         bench_revisit(&[250, 1000], 2_000, 6_000);
     }
     if wanted("memory") {
+        bench_memory(250, 1_000);
         bench_memory(250, 50_000);
     }
 }

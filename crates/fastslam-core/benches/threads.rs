@@ -1,8 +1,10 @@
-//! What threads bring: whole steps with many particles and known association, one filter per number of threads, all on
-//! the same sightings and one after the other within each step, so that other processes of the machine slow all.
+//! What FastSLAM 2.0 costs beside 1.0, and what threads bring: whole steps with known association, one filter for each
+//! algorithm and number of threads, all on the same sightings and one after the other within each step, so that other
+//! processes of the machine slow all.
 //!
-//! `cargo bench -p fastslam-core --bench threads [-- PARTICLES]` (100,000 if nothing is said; about seven sightings a
-//! step).
+//! `cargo bench -p fastslam-core --bench threads [-- PARTICLES…]` (250, 1,000 and 100,000 if nothing is said; seven to
+//! eight sightings a step). The log is run several times with the same seed, so that every pass repeats the same steps;
+//! of each step the least time counts.
 
 #![allow(clippy::expect_used, missing_docs)] // A benchmark that cannot run says so by failing.
 
@@ -12,13 +14,20 @@ use fastslam_core::timeline::{Event, LogData, Timeline};
 use fastslam_sim::{simulate, SimulationConfig};
 use std::time::Instant;
 
-const THREADS: [u32; 2] = [1, 2];
+const FILTERS: [(Algorithm, u32); 4] =
+    [(Algorithm::Fastslam1, 1), (Algorithm::Fastslam1, 2), (Algorithm::Fastslam2, 1), (Algorithm::Fastslam2, 2)];
 /// Steps at the beginning, in which the world is mapped.
 const MAPPING: usize = 80;
 const STEPS: usize = 160;
 
 fn main() {
-    let particles = argument().unwrap_or(100_000);
+    let mut counts: Vec<u32> = std::env::args().filter_map(|argument| argument.parse().ok()).collect();
+    if counts.is_empty() && std::env::args().any(|argument| argument == "--bench") {
+        counts = vec![250, 1_000, 100_000];
+    } else if counts.is_empty() {
+        // Under `cargo test`: only that it runs.
+        counts = vec![10];
+    }
     let preset = SimulationConfig::preset("headline").expect("a preset");
     let mut simulation = preset.with_landmarks(100).expect("a world of any size");
     simulation.sensor.max_range_m = 8.5;
@@ -33,30 +42,62 @@ fn main() {
         sightings: (0..seen.len()).map(sighting).collect(),
     };
     let mut config = Config { motion: simulated.motion.clone(), sensor: simulated.sensor.clone(), ..Config::default() };
-    config.filter.particles = particles;
-    println!("M = {particles}");
-    for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
-        config.algorithm = algorithm;
+    for particles in counts {
+        config.filter.particles = particles;
         compare(&config, &log);
     }
 }
 
-/// The size that was asked for.
-fn argument() -> Option<u32> {
-    let quick = std::env::args().any(|argument| argument == "--quick");
-    std::env::args().filter_map(|argument| argument.parse().ok()).next().or(quick.then_some(10_000))
+/// Milliseconds of each filter in one step, and how many sightings it had.
+type Step = ([f64; FILTERS.len()], usize);
+
+/// Runs the filters over the log some times and prints what their steps took.
+fn compare(config: &Config, log: &LogData) {
+    // About as long for every number of particles.
+    let passes = (300_000 / config.filter.particles as usize).clamp(3, 40);
+    let mut steps = pass(config, log);
+    for _ in 1..passes {
+        for ((least, _), (again, _)) in steps.iter_mut().zip(pass(config, log)) {
+            least.iter_mut().zip(again).for_each(|(least, again)| *least = least.min(again));
+        }
+    }
+    let (particles, sightings) = (f64::from(config.filter.particles), |step: &Step| step.1 as f64);
+    let mean_sightings = steps.iter().map(sightings).sum::<f64>() / steps.len() as f64;
+    println!("\nM = {particles}, {} steps of {mean_sightings:.1} sightings, least of {passes} passes", steps.len());
+    println!("                 ns/particle-sighting    steps/s  over 1.0, one thread");
+    println!("                   least      median      median  least step   median of the steps' ratios");
+    for (which, (algorithm, threads)) in FILTERS.iter().enumerate() {
+        let each = sorted(steps.iter().map(|step| 1e6 * step.0[which] / (particles * sightings(step))));
+        let whole = sorted(steps.iter().map(|step| step.0[which]));
+        let ratios = sorted(steps.iter().map(|step| step.0[which] / step.0[0]));
+        let first = sorted(steps.iter().map(|step| 1e6 * step.0[0] / (particles * sightings(step))));
+        let middle = steps.len() / 2;
+        println!(
+            "{algorithm:?} x{threads} {:>10.2} {:>11.2} {:>11.0} {:>11.2} {:>11.2}",
+            each[0],
+            each[middle],
+            1e3 / whole[middle],
+            each[0] / first[0],
+            ratios[middle]
+        );
+    }
 }
 
-/// Runs the filters over the log and prints what their steps took.
-fn compare(config: &Config, log: &LogData) {
-    let mut filters = THREADS.map(|threads| {
-        let mut config = config.clone();
+fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_unstable_by(f64::total_cmp);
+    values
+}
+
+/// Runs new filters over the log side by side.
+fn pass(config: &Config, log: &LogData) -> Vec<Step> {
+    let mut filters = FILTERS.map(|(algorithm, threads)| {
+        let mut config = Config { algorithm, ..config.clone() };
         config.filter.threads = threads;
         FastSlam::new(config, Identities::All).expect("a valid configuration")
     });
-    let mut spent_ms = [0.0; THREADS.len()];
-    let (mut done, mut sightings) = (0, 0);
-    let mut steps: Vec<[f64; THREADS.len()]> = Vec::new();
+    let mut spent_ms = [0.0; FILTERS.len()];
+    let (mut done, mut steps) = (0, Vec::new());
     for event in Timeline::new(log, config.motion.timing(), config.filter.path_period_s) {
         for (filter, spent_ms) in filters.iter_mut().zip(&mut spent_ms) {
             let start = Instant::now();
@@ -66,29 +107,15 @@ fn compare(config: &Config, log: &LogData) {
         if let Event::Step { first, end, .. } = event {
             done += usize::from(end > first);
             if done > MAPPING && end > first {
-                steps.push(spent_ms);
-                sightings += end - first;
+                steps.push((spent_ms, end - first));
             }
-            spent_ms = [0.0; THREADS.len()];
+            spent_ms = [0.0; FILTERS.len()];
             if steps.len() == STEPS {
                 break;
             }
         }
     }
-    let name = config.algorithm;
-    println!("{name:?}: {} steps, {:.1} sightings a step", steps.len(), sightings as f64 / steps.len() as f64);
-    for (which, threads) in THREADS.iter().enumerate() {
-        let mut times: Vec<f64> = steps.iter().map(|step| step[which]).collect();
-        times.sort_unstable_by(f64::total_cmp);
-        let (least, median) = (times[0], times[times.len() / 2]);
-        let mut gains: Vec<f64> = steps.iter().map(|step| step[0] / step[which]).collect();
-        gains.sort_unstable_by(f64::total_cmp);
-        println!(
-            "  {threads} threads: {least:.1} ms (least), {median:.1} ms (median): {:.0} steps per second; {:.2} times as fast as one",
-            1e3 / median,
-            gains[gains.len() / 2]
-        );
-    }
+    steps
 }
 
 fn step(filter: &mut FastSlam, event: Event, sightings: &[Sighting]) {

@@ -4,6 +4,7 @@
 
 use crate::geometry::Pose;
 use crate::resampling::follow;
+use crate::workers::Workers;
 
 const NONE: u32 = u32::MAX;
 
@@ -44,25 +45,35 @@ impl PathForest {
     }
 
     /// Appends one pose to each particle's path.
-    pub fn extend(&mut self, stamp_s: f64, pose_of: impl Fn(usize) -> Pose) {
+    pub fn extend(&mut self, stamp_s: f64, workers: &Workers, pose_of: impl Fn(usize) -> Pose + Sync) {
         let step = self.stamps_s.len() as u32;
         self.stamps_s.push(stamp_s);
-        for particle in 0..self.tips.len() {
-            // The particle moves from the old tip to the new node, which holds the old tip in its stead.
-            let node = Node { pose: pose_of(particle), step };
-            let link = Link { parent: self.tips[particle], holders: 1 };
-            self.tips[particle] = match self.free.pop() {
-                Some(index) => {
-                    (self.nodes[index as usize], self.links[index as usize]) = (node, link);
-                    index
+        let Self { nodes, links, free, tips, former_tips, .. } = self;
+        std::mem::swap(tips, former_tips);
+        let particles = former_tips.len();
+        let first_new = nodes.len();
+        tips.clear();
+        tips.extend(free.drain(free.len().saturating_sub(particles)..).rev());
+        tips.extend((first_new..).map(|index| index as u32).take(particles - tips.len()));
+        let total = first_new.max(tips.last().map_or(0, |tip| *tip as usize + 1));
+        let tips = &*tips;
+        // They lie all over the memory: two threads wait for it less than one.
+        workers.both(
+            particles,
+            || {
+                nodes.resize(total, Node { pose: Pose::default(), step });
+                for (particle, &tip) in tips.iter().enumerate() {
+                    nodes[tip as usize] = Node { pose: pose_of(particle), step };
                 }
-                None => {
-                    self.nodes.push(node);
-                    self.links.push(link);
-                    (self.nodes.len() - 1) as u32
+            },
+            || {
+                links.resize(total, Link { parent: NONE, holders: 0 });
+                for (&parent, &tip) in former_tips.iter().zip(tips) {
+                    // The particle moves from the old tip to the new node, which holds the old tip in its stead.
+                    links[tip as usize] = Link { parent, holders: 1 };
                 }
-            };
-        }
+            },
+        );
     }
 
     /// Path i becomes a copy of the former path `ancestor_indices[i]`; paths without a descendant are forgotten.
@@ -176,7 +187,7 @@ mod tests {
     fn forest_after(ancestors: &[&[u32]]) -> PathForest {
         let mut forest = PathForest::new(ancestors[0].len());
         for (t, a) in ancestors.iter().enumerate() {
-            forest.extend(t as f64, |i| Pose::new(t as f64, i as f64, 0.0));
+            forest.extend(t as f64, &Workers::default(), |i| Pose::new(t as f64, i as f64, 0.0));
             forest.resample(a);
         }
         forest

@@ -37,43 +37,66 @@ pub fn resample(
     stream: Stream,
     ancestor_indices: &mut Vec<u32>,
 ) {
-    ancestor_indices.clear();
-    let n = count as f64;
-    match scheme {
-        ResamplingScheme::Systematic => {
-            let offset = stream.uniform(0, 0);
-            inverse_cdf(weights, (0..count).map(|i| (i as f64 + offset) / n), ancestor_indices);
-        }
-        ResamplingScheme::Stratified => {
-            let points = (0..count).map(|i| (i as f64 + stream.uniform(i as u32, 0)) / n);
-            inverse_cdf(weights, points, ancestor_indices);
-        }
-        ResamplingScheme::Multinomial => {
-            inverse_cdf(weights, sorted_uniforms(count, stream).into_iter(), ancestor_indices);
-        }
-        ResamplingScheme::Residual => residual(weights, count, stream, ancestor_indices),
-    }
+    Resampler::default().draw(scheme, weights, count, stream, ancestor_indices);
 }
 
-fn sorted_uniforms(count: usize, stream: Stream) -> Vec<f64> {
-    let mut points: Vec<f64> = (0..count).map(|i| stream.uniform(i as u32, 0)).collect();
-    points.sort_unstable_by(f64::total_cmp);
-    points
+/// What drawing needs to remember; kept for its memory.
+#[derive(Clone, Debug, Default)]
+pub struct Resampler {
+    points: Vec<f64>,
+    rest: Vec<f64>,
 }
 
-fn residual(weights: &[f64], count: usize, stream: Stream, ancestor_indices: &mut Vec<u32>) {
-    let n = count as f64;
-    let certain: Vec<f64> = weights.iter().map(|w| (w * n).floor()).collect();
-    // Rounding may make the certain copies one too many only if the weights sum to more than 1; the cut is exact.
-    for (i, copies) in certain.iter().enumerate() {
-        let room = count - ancestor_indices.len();
-        ancestor_indices.extend(std::iter::repeat_n(i as u32, (*copies as usize).min(room)));
+impl Resampler {
+    /// [`resample`], without asking for memory once it has drawn as many.
+    pub fn draw(
+        &mut self,
+        scheme: ResamplingScheme,
+        weights: &[f64],
+        count: usize,
+        stream: Stream,
+        ancestor_indices: &mut Vec<u32>,
+    ) {
+        ancestor_indices.clear();
+        let n = count as f64;
+        match scheme {
+            ResamplingScheme::Systematic => {
+                let offset = stream.uniform(0, 0);
+                inverse_cdf(weights, (0..count).map(|i| (i as f64 + offset) / n), ancestor_indices);
+            }
+            ResamplingScheme::Stratified => {
+                let points = (0..count).map(|i| (i as f64 + stream.uniform(i as u32, 0)) / n);
+                inverse_cdf(weights, points, ancestor_indices);
+            }
+            ResamplingScheme::Multinomial => {
+                self.sort_uniforms(count, stream);
+                inverse_cdf(weights, self.points.iter().copied(), ancestor_indices);
+            }
+            ResamplingScheme::Residual => self.draw_residual(weights, count, stream, ancestor_indices),
+        }
     }
-    let left = count - ancestor_indices.len();
-    if left > 0 {
-        let rest: Vec<f64> = weights.iter().zip(&certain).map(|(w, c)| (w * n - c).max(0.0)).collect();
-        inverse_cdf(&rest, sorted_uniforms(left, stream).into_iter(), ancestor_indices);
-        ancestor_indices.sort_unstable();
+
+    fn sort_uniforms(&mut self, count: usize, stream: Stream) {
+        self.points.clear();
+        self.points.extend((0..count).map(|i| stream.uniform(i as u32, 0)));
+        self.points.sort_unstable_by(f64::total_cmp);
+    }
+
+    fn draw_residual(&mut self, weights: &[f64], count: usize, stream: Stream, ancestor_indices: &mut Vec<u32>) {
+        let n = count as f64;
+        // Rounding may make the certain copies one too many only if the weights sum to more than 1; the cut is exact.
+        for (i, weight) in weights.iter().enumerate() {
+            let room = count - ancestor_indices.len();
+            ancestor_indices.extend(std::iter::repeat_n(i as u32, ((weight * n).floor() as usize).min(room)));
+        }
+        let left = count - ancestor_indices.len();
+        if left > 0 {
+            self.rest.clear();
+            self.rest.extend(weights.iter().map(|w| (w * n - (w * n).floor()).max(0.0)));
+            self.sort_uniforms(left, stream);
+            inverse_cdf(&self.rest, self.points.iter().copied(), ancestor_indices);
+            ancestor_indices.sort_unstable();
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use rayon::ThreadPool;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Particles of a part of a pass: a thread has more to do with them than to be told of them.
 pub const PART: usize = 4096;
@@ -84,9 +84,9 @@ impl<A: Divide, B: Divide, C: Divide> Divide for (A, B, C) {
 }
 
 /// The threads of a filter; the calling thread alone when one is enough.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Workers {
-    pool: Option<ThreadPool>,
+    pool: Option<Arc<ThreadPool>>,
 }
 
 impl Workers {
@@ -99,12 +99,12 @@ impl Workers {
         }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build();
         let refused = |error| Error::parameter("filter.threads", threads, format!("fewer: {error}"));
-        Ok(Self { pool: Some(pool.map_err(refused)?) })
+        Ok(Self { pool: Some(Arc::new(pool.map_err(refused)?)) })
     }
 
     /// Number of threads.
     pub fn count(&self) -> usize {
-        self.pool.as_ref().map_or(1, ThreadPool::current_num_threads)
+        self.pool.as_ref().map_or(1, |pool| pool.current_num_threads())
     }
 
     /// Calls `work` once for every `part` particles (the last may be fewer), with the number of the first of them.
@@ -114,6 +114,17 @@ impl Workers {
         match &self.pool {
             Some(pool) if whole.count() > part => pool.install(|| halve(0, whole, part, work)),
             _ => one_by_one(whole, part, work),
+        }
+    }
+
+    /// Does two things that have nothing to do with each other, at the same time if there are enough particles.
+    pub fn both(&self, particles: usize, a: impl FnOnce() + Send, b: impl FnOnce() + Send) {
+        match &self.pool {
+            Some(pool) if particles > PART => drop(pool.join(a, b)),
+            _ => {
+                a();
+                b();
+            }
         }
     }
 }
@@ -185,6 +196,15 @@ mod tests {
                 assert_eq!((&values, &a, b), (&expected, &expected, vec![1; count]));
                 assert_eq!(pairs, expected.iter().flat_map(|i| [0, *i]).collect::<Vec<_>>());
             }
+        }
+    }
+
+    #[test]
+    fn both_are_done_whoever_does_them() {
+        for (threads, particles) in [(1, 9 * PART), (2, 10), (2, 9 * PART)] {
+            let (mut a, mut b) = (0, 0);
+            Workers::new(threads).unwrap().both(particles, || a += 1, || b += 2);
+            assert_eq!((a, b), (1, 2));
         }
     }
 

@@ -1,11 +1,14 @@
-//! A filter at work asks for no memory: only the path and its stamps grow, by doubling. (Every fourth step is examined
-//! for the health report and is not watched here.)
+//! A filter at work asks for no memory: only the path and its stamps grow, by doubling.
+//!
+//! Not watched here, and asking for memory: the steps that look for duplicates to merge (one in eight, where merging is
+//! switched on), appearance, associations other than maximum likelihood, adaptive numbers of particles, rejuvenation.
 
 #![allow(clippy::unwrap_used)] // That is how a test fails.
 
-use fastslam_core::config::{Algorithm, Config};
+use fastslam_core::config::{Algorithm, Config, Removal};
 use fastslam_core::filter::{FastSlam, Identities, Sighting, StepInfo};
 use fastslam_core::motion::{Increments, Motion};
+use fastslam_core::resampling::ResamplingScheme;
 use std::f64::consts::TAU;
 
 const PARTICLES: u32 = 100;
@@ -30,8 +33,22 @@ fn scan(step: u32, identities: Identities) -> Vec<Sighting> {
     (0..LANDMARKS).filter_map(see).collect()
 }
 
-fn filter(algorithm: Algorithm, identities: Identities, threshold: f64) -> FastSlam {
+/// One kind of run.
+#[derive(Clone, Copy, Debug)]
+struct Case {
+    algorithm: Algorithm,
+    identities: Identities,
+    threshold: f64,
+    scheme: ResamplingScheme,
+    removal: Removal,
+}
+
+fn filter(case: Case) -> FastSlam {
+    let Case { algorithm, identities, threshold, scheme, removal } = case;
     let mut config = Config { algorithm, seed: 2, ..Config::default() };
+    config.filter.resampling.scheme = scheme;
+    config.association.existence.removal = removal;
+    config.sensor.max_range_m = 9.0;
     config.filter.particles = PARTICLES;
     config.filter.resampling.threshold = threshold;
     config.sensor.range_std_m = 0.1;
@@ -43,12 +60,12 @@ fn filter(algorithm: Algorithm, identities: Identities, threshold: f64) -> FastS
 }
 
 /// Requests for memory in each step of the last laps, with what these steps were.
-fn run(algorithm: Algorithm, identities: Identities, threshold: f64) -> (Vec<u64>, u32) {
-    let mut filter = filter(algorithm, identities, threshold);
+fn run(case: Case) -> (Vec<u64>, u32) {
+    let mut filter = filter(case);
     let turn = TAU / f64::from(LAP);
     let (mut requests, mut resampled) = (Vec::with_capacity(1000), 0);
     for step in 0..60 * LAP {
-        let sightings = scan(step, identities);
+        let sightings = scan(step, case.identities);
         let mut info = StepInfo::default();
         let asked = allocation_counter::measure(|| {
             if step > 0 {
@@ -58,43 +75,55 @@ fn run(algorithm: Algorithm, identities: Identities, threshold: f64) -> (Vec<u64
             info = filter.update(f64::from(step), &sightings).unwrap();
         });
         if step >= 30 * LAP {
-            assert_eq!(info.new_landmarks, 0, "{algorithm:?} {identities:?}: a steady state finds nothing new");
+            assert_eq!(info.new_landmarks, 0, "{case:?}: a steady state finds nothing new");
             assert!(info.sightings >= 4);
-            // Every fourth step is examined for the health report, in small vectors that do not depend on the map.
-            if !info.step.is_multiple_of(4) {
-                requests.push(asked.count_total);
-            }
+            requests.push(asked.count_total);
             resampled += u32::from(info.resampled);
         }
     }
     (requests, resampled)
 }
 
-#[test]
-fn a_step_in_the_steady_state_allocates_nothing() {
-    let mut cases = 0;
+fn cases() -> Vec<Case> {
+    let plain = Case {
+        algorithm: Algorithm::Fastslam1,
+        identities: Identities::All,
+        threshold: 0.5,
+        scheme: ResamplingScheme::Systematic,
+        removal: Removal::Never,
+    };
+    let mut cases = Vec::new();
     for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
         for identities in [Identities::All, Identities::None] {
-            for threshold in [0.0, 0.5, 1.0] {
-                let (requests, resampled) = run(algorithm, identities, threshold);
-                let steps = requests.len();
-                let case = format!("{algorithm:?} {identities:?} threshold {threshold}");
-                assert_eq!(steps as u32, 30 * LAP * 3 / 4);
-                match threshold {
-                    0.0 => assert_eq!(resampled, 0, "{case}"),
-                    _ => assert!(resampled > 20, "{case}: {resampled} resamplings"),
-                }
-                // The watched steps double the length of the log, so the three vectors that grow with it by doubling
-                // (stamps, nodes of the paths, list of free nodes) grow once or twice each: six requests. The store's
-                // pages, a sample of sizes at random, still set a record now and then, at a rate that falls as one over
-                // the steps: ln 2 expected for each of its classes of sizes, of which some twenty are in use, in one
-                // or two requests each. Anything that a step asked for regularly would ask some hundred times.
-                let asking = requests.iter().filter(|asked| **asked > 0).count();
-                println!("{case}: {asking} of {steps} steps asked for memory");
-                assert!(asking <= 6 + 14, "{case}: {asking} of {steps} steps asked for memory");
-                cases += 1;
-            }
+            let case = Case { algorithm, identities, ..plain };
+            cases.extend([0.0, 0.5, 1.0].map(|threshold| Case { threshold, ..case }));
+            let schemes = [ResamplingScheme::Stratified, ResamplingScheme::Residual, ResamplingScheme::Multinomial];
+            cases.extend(schemes.map(|scheme| Case { scheme, ..case }));
         }
+        cases.push(Case { algorithm, identities: Identities::None, removal: Removal::WhenMissed, ..plain });
     }
-    assert_eq!(cases, 12);
+    cases
+}
+
+#[test]
+fn a_step_in_the_steady_state_allocates_nothing() {
+    let cases = cases();
+    for &case in &cases {
+        let (requests, resampled) = run(case);
+        let steps = requests.len();
+        assert_eq!(steps as u32, 30 * LAP);
+        match case.threshold {
+            0.0 => assert_eq!(resampled, 0, "{case:?}"),
+            _ => assert!(resampled > 20, "{case:?}: {resampled} resamplings"),
+        }
+        // The watched steps double the length of the log, so the three vectors that grow with it by doubling
+        // (stamps, nodes of the paths, list of free nodes) grow once or twice each: six requests. The store's
+        // pages, a sample of sizes at random, still set a record now and then, at a rate that falls as one over
+        // the steps: ln 2 expected for each of its classes of sizes, of which some twenty are in use, in one
+        // or two requests each. Anything that a step asked for regularly would ask some hundred times.
+        let asking = requests.iter().filter(|asked| **asked > 0).count();
+        println!("{case:?}: {asking} of {steps} steps asked for memory");
+        assert!(asking <= 6 + 14, "{case:?}: {asking} of {steps} steps asked for memory");
+    }
+    assert_eq!(cases.len(), 26);
 }

@@ -20,7 +20,23 @@ const SUBSET: usize = 16;
 /// A landmark seen less often than this may be clutter, of which nobody expects to see it again.
 const SIGHTINGS_TO_COUNT: f64 = 3.0;
 
+/// A sighting with the landmark that it shows, as each particle of the subset has it.
+type Pair = (Measured, [Option<Gaussian>; SUBSET]);
+
+/// What an examination needs to remember; kept for its memory.
+#[derive(Debug, Default)]
+pub(super) struct Examination {
+    /// Sightings of known landmarks, with the slot or the candidate.
+    known: Vec<(usize, u32)>,
+    particles: Vec<usize>,
+    pairs: Vec<Pair>,
+    predictions: Vec<Prediction>,
+    in_reach: Vec<u32>,
+    row: Vec<f64>,
+}
+
 /// What one particle predicts of the sightings of a scan.
+#[derive(Debug)]
 struct Prediction {
     weight: f64,
     scan: PredictedScan,
@@ -43,16 +59,19 @@ impl<M: MeasurementModel> FastSlam<M> {
         if !self.examines() || self.matches.is_empty() {
             return;
         }
-        let known: Vec<(u32, &ScanSighting)> =
-            scan.iter().filter_map(|sighting| Some((self.known_slot(sighting)?, sighting))).collect();
-        let particles = self.subset();
-        let mut pairs = Vec::with_capacity(JOINT_MAX);
+        let mut examination = std::mem::take(&mut self.examination);
+        let Examination { known, particles, pairs, .. } = &mut examination;
+        known.clear();
+        known.extend(scan.iter().enumerate().filter_map(|(j, sighting)| Some((j, self.known_slot(sighting)?))));
+        self.choose_subset(particles);
+        pairs.clear();
         for place in spread(known.len(), self.steps) {
-            let (slot, sighting) = known[place];
+            let (j, slot) = known[place];
             let rows = self.landmarks.read(slot);
-            pairs.push((sighting.measured, particles.iter().map(|i| gaussian_in(&rows, *i)).collect()));
+            pairs.push((scan[j].measured, of_subset(particles, |i| gaussian_in(&rows, i))));
         }
-        self.examine(&particles, &pairs);
+        self.examine(&mut examination);
+        self.examination = examination;
     }
 
     /// Examines a scan after the particles decided what it shows, before anything else changed.
@@ -72,69 +91,67 @@ impl<M: MeasurementModel> FastSlam<M> {
         if !self.examines() || scan.is_empty() {
             return;
         }
-        let known: Vec<(usize, u32)> = known.collect();
-        self.look_at_map(known.iter().map(|(_, candidate)| table.slots[*candidate as usize]).collect());
-        if known.is_empty() {
-            return;
+        let mut examination = std::mem::take(&mut self.examination);
+        examination.known.clear();
+        examination.known.extend(known);
+        self.look_at_map(&mut examination, |candidate| table.slots[candidate as usize]);
+        if !examination.known.is_empty() {
+            let Examination { known, particles, pairs, .. } = &mut examination;
+            let chosen = || spread(known.len(), self.steps).map(|place| known[place]);
+            self.choose_subset(particles);
+            particles.retain(|i| chosen().all(|(j, candidate)| of(*i)[j] == Decision::Landmark(candidate)));
+            let landmarks = |candidate| of_subset(particles, |i| table.gaussian(candidate, i));
+            pairs.clear();
+            pairs.extend(chosen().map(|(j, candidate)| (scan[j].measured, landmarks(candidate))));
+            self.examine(&mut examination);
         }
-        let chosen: Vec<(usize, u32)> = spread(known.len(), self.steps).map(|place| known[place]).collect();
-        let mut particles = self.subset();
-        particles.retain(|i| chosen.iter().all(|(j, candidate)| of(*i)[*j] == Decision::Landmark(*candidate)));
-        let pairs: Vec<(Measured, Vec<Option<Gaussian>>)> = chosen
-            .iter()
-            .map(|(j, candidate)| {
-                (scan[*j].measured, particles.iter().map(|i| table.gaussian(*candidate, *i)).collect())
-            })
-            .collect();
-        self.examine(&particles, &pairs);
+        self.examination = examination;
     }
 
     /// Counts the landmarks of the best particle's map that the scan should have shown, and those that it did.
-    fn look_at_map(&mut self, sighted: Vec<u32>) {
+    fn look_at_map(&mut self, examination: &mut Examination, slot_of: impl Fn(u32) -> u32) {
+        let Examination { known, in_reach, row, .. } = examination;
         let best = self.particles.best();
         let (view, pose) = (self.watch.view(), self.beliefs.get(best).mean);
         let sensor = pose.compose(self.T_robot_sensor);
         let mut region = Box2::EMPTY;
         region.include([sensor.x, sensor.y], view.far_m);
-        let mut slots = Vec::new();
-        self.landmarks.find(&region, &mut slots);
-        let mut row = vec![0.0; self.landmarks.columns()];
+        in_reach.clear();
+        self.landmarks.find(&region, in_reach);
+        row.resize(self.landmarks.columns(), 0.0);
         let mut in_view = MapInView::default();
-        for slot in slots {
-            if !self.landmarks.read_row(slot, best, &mut row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
+        for &slot in &*in_reach {
+            if !self.landmarks.read_row(slot, best, row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
                 continue;
             }
             if view.contains(pose, [row[column::MEAN_X], row[column::MEAN_Y]]) {
                 in_view.expected += 1;
-                in_view.sighted += u32::from(sighted.contains(&slot));
+                in_view.sighted += u32::from(known.iter().any(|(_, candidate)| slot_of(*candidate) == slot));
             }
         }
         self.map_in_view = Some(in_view);
     }
 
     /// Some particles, evenly spaced.
-    fn subset(&self) -> Vec<usize> {
+    fn choose_subset(&self, particles: &mut Vec<usize>) {
         let count = self.particles.len();
         let size = count.min(SUBSET);
-        (0..size).map(|k| k * count / size).collect()
+        particles.clear();
+        particles.extend((0..size).map(|k| k * count / size));
     }
 
     /// Scores sightings (value and noise) of landmarks, given as each particle of the subset has them.
-    fn examine(&mut self, particles: &[usize], pairs: &[(Measured, Vec<Option<Gaussian>>)]) {
-        let predictions: Vec<Prediction> =
-            particles.iter().enumerate().filter_map(|(row, i)| self.prediction(*i, row, pairs)).collect();
-        if let Some(score) = mixture(&predictions).and_then(|scan| scan.score()) {
+    fn examine(&mut self, examination: &mut Examination) {
+        let Examination { particles, pairs, predictions, .. } = examination;
+        predictions.clear();
+        predictions.extend(particles.iter().enumerate().filter_map(|(row, i)| self.prediction(*i, row, pairs)));
+        if let Some(score) = mixture(predictions).and_then(|scan| scan.score()) {
             self.watch.noise.add(&score);
         }
     }
 
     /// What one particle predicts; `None` where it lacks a landmark or has no weight.
-    fn prediction(
-        &self,
-        particle: usize,
-        row: usize,
-        pairs: &[(Measured, Vec<Option<Gaussian>>)],
-    ) -> Option<Prediction> {
+    fn prediction(&self, particle: usize, row: usize, pairs: &[Pair]) -> Option<Prediction> {
         let weight = self.weights.values[particle];
         let pose = self.particles.pose(particle);
         let belief = match self.config.algorithm {
@@ -174,6 +191,11 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         (weight > 0.0).then_some(Prediction { weight, scan })
     }
+}
+
+/// The landmark of each of these particles.
+fn of_subset(particles: &[usize], of: impl Fn(usize) -> Option<Gaussian>) -> [Option<Gaussian>; SUBSET] {
+    std::array::from_fn(|row| particles.get(row).and_then(|i| of(*i)))
 }
 
 impl PredictedScan {

@@ -16,6 +16,17 @@ use crate::vector::vectorized;
 /// Columns of the existence store: whether the row counts, and the log-odds.
 pub(super) const COLUMNS: usize = 2;
 
+/// What judging a scan needs to remember; kept for its memory.
+#[derive(Debug, Default)]
+pub(super) struct Judging {
+    in_reach: Vec<u32>,
+    /// Whether a particle took some sighting for a candidate: one entry per particle, for each candidate in turn.
+    sighted: Vec<bool>,
+    verdicts: Vec<Verdict>,
+    judged: Vec<bool>,
+    dead: Vec<bool>,
+}
+
 impl<M: MeasurementModel> FastSlam<M> {
     /// Whether scans are judged by what they should have shown.
     pub(super) fn judges_existence(&self) -> bool {
@@ -73,21 +84,25 @@ impl<M: MeasurementModel> FastSlam<M> {
         first_birth: u64,
         info: &mut StepInfo,
     ) {
-        let mut in_reach = Vec::new();
-        self.landmarks.find(&self.view_region(), &mut in_reach);
+        let mut judging = std::mem::take(&mut self.judging);
+        let Judging { in_reach, sighted, verdicts, .. } = &mut judging;
+        in_reach.clear();
+        self.landmarks.find(&self.view_region(), in_reach);
         in_reach.extend_from_slice(&table.slots);
         in_reach.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
         in_reach.dedup();
-        let sighted = sighted_candidates(decisions, table.slots.len(), self.particles.len());
-        let mut verdicts = vec![Verdict::Unseen; self.particles.len()];
-        for slot in in_reach {
+        note_sighted(decisions, table.slots.len(), self.particles.len(), sighted);
+        verdicts.clear();
+        verdicts.resize(self.particles.len(), Verdict::Unseen);
+        for place in 0..judging.in_reach.len() {
+            let (slot, verdicts) = (judging.in_reach[place], &mut judging.verdicts);
             // Candidates that nobody holds any more are gone; they have no birth.
             if self.landmarks.birth(slot) >= first_birth {
                 continue;
             }
-            self.find_in_view(slot, &mut verdicts);
+            self.find_in_view(slot, verdicts);
             if let Some(candidate) = table.slots.iter().position(|s| *s == slot) {
-                let sighted = &sighted[candidate * verdicts.len()..][..verdicts.len()];
+                let sighted = &judging.sighted[candidate * verdicts.len()..][..verdicts.len()];
                 // Only Bayes' rule asks for densities.
                 let densities = self.sighting_densities.get(candidate * verdicts.len()..).unwrap_or_default();
                 for (i, verdict) in verdicts.iter_mut().enumerate().filter(|(i, _)| sighted[*i]) {
@@ -95,9 +110,10 @@ impl<M: MeasurementModel> FastSlam<M> {
                 }
             }
             if verdicts.iter().any(|v| *v != Verdict::Unseen) {
-                info.removed += self.count(slot, &verdicts);
+                info.removed += self.count(slot, &mut judging);
             }
         }
+        self.judging = judging;
     }
 
     /// A box around everything that any particle's sensor can see for sure.
@@ -140,7 +156,8 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Counts one scan for a landmark in every map and removes it from those in which it no longer exists. Returns
     /// whether the best particle lost it.
-    fn count(&mut self, slot: u32, verdicts: &[Verdict]) -> u32 {
+    fn count(&mut self, slot: u32, judging: &mut Judging) -> u32 {
+        let Judging { verdicts, judged, dead, .. } = judging;
         let association = &self.config.association;
         let settings = &association.existence;
         let lowest = self.initial_log_odds() + settings.lowest_log_odds - settings.initial_log_odds;
@@ -151,11 +168,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         // Below this its odds would round to nothing, and nothing could bring it back.
         let floor = lowest.min(-50.0) - 1.0;
         let (exponent, removes) = (self.rules.likelihood_exponent, settings.removal == Removal::WhenMissed);
-        let mask: Vec<bool> = verdicts.iter().map(|v| *v != Verdict::Unseen).collect();
-        let mut dead = vec![false; verdicts.len()];
+        judged.clear();
+        judged.extend(verdicts.iter().map(|v| *v != Verdict::Unseen));
+        dead.clear();
+        dead.resize(verdicts.len(), false);
         let Particles { log_weight, score, .. } = &mut self.particles;
         let Some(existence) = &mut self.landmarks.existence else { return 0 };
-        existence.update(slot, Some(&mask), &mut |rows| {
+        existence.update(slot, Some(judged), &mut |rows| {
             let [present, log_odds] = rows.columns::<COLUMNS>();
             for (i, verdict) in verdicts.iter().enumerate().filter(|(_, v)| **v != Verdict::Unseen) {
                 if present[i] == 0.0 {
@@ -181,12 +200,12 @@ impl<M: MeasurementModel> FastSlam<M> {
         if !dead.contains(&true) {
             return 0;
         }
-        self.landmarks.update(slot, Some(&dead), |mut rows| {
+        self.landmarks.update(slot, Some(dead), |mut rows| {
             let count = rows.column(column::SIGHTINGS);
             (0..dead.len()).filter(|i| dead[*i]).for_each(|i| count[i] = 0.0);
         });
         let Particles { landmarks, .. } = &mut self.particles;
-        landmarks.iter_mut().zip(&dead).for_each(|(count, dead)| *count -= u32::from(*dead));
+        landmarks.iter_mut().zip(&*dead).for_each(|(count, dead)| *count -= u32::from(*dead));
         if self.landmarks.holders(slot) == 0 {
             self.landmarks.remove(slot);
         }
@@ -204,9 +223,10 @@ fn gained(association: &AssociationConfig, log_likelihood: f64) -> f64 {
     }
 }
 
-/// Whether a particle took some sighting for a candidate: one entry per particle, for each candidate in turn.
-fn sighted_candidates(decisions: &[Decision], candidates: usize, particles: usize) -> Vec<bool> {
-    let mut sighted = vec![false; candidates * particles];
+/// Notes which particle took some sighting for which candidate.
+fn note_sighted(decisions: &[Decision], candidates: usize, particles: usize, sighted: &mut Vec<bool>) {
+    sighted.clear();
+    sighted.resize(candidates * particles, false);
     let share = decisions.len() / particles;
     for (i, mine) in decisions.chunks_exact(share).enumerate() {
         for decision in mine {
@@ -215,7 +235,6 @@ fn sighted_candidates(decisions: &[Decision], candidates: usize, particles: usiz
             }
         }
     }
-    sighted
 }
 
 /// What a scan says about a landmark in one map.

@@ -7,6 +7,7 @@ use crate::config::AssociationMode;
 use crate::landmark::column;
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreKind, StoreUsage};
 use crate::vector::vectorized;
+use crate::workers::Workers;
 use rustc_hash::FxHashMap;
 
 /// A landmark hypothesis, shared by the particles that created it from one sighting.
@@ -73,6 +74,14 @@ impl Landmarks {
             of_identity: FxHashMap::default(),
             grid: (identities != Identities::All).then(|| Grid::new(cell_m)),
             gate_radius,
+        }
+    }
+
+    /// Threads that may share the particles of a landmark.
+    pub fn set_workers(&mut self, workers: &Workers) {
+        self.store.set_workers(workers);
+        if let Some(existence) = &mut self.existence {
+            existence.set_workers(workers);
         }
     }
 

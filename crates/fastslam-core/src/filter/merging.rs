@@ -29,6 +29,8 @@ pub struct Merger {
     together: FxHashMap<(u64, u64), u32>,
     /// Into which landmark another one went over in some map, by their births.
     united: FxHashMap<u64, u64>,
+    /// Of the landmarks that the best particle sighted; kept for its memory.
+    births: Vec<u64>,
 }
 
 impl Merger {
@@ -112,10 +114,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         };
         let slots = decisions[best * share..][..share].iter().enumerate().filter_map(slot);
         // What was removed since has no birth.
-        let births: Vec<u64> = slots.filter_map(|slot| self.landmarks.slot(slot)).map(|slot| slot.birth).collect();
+        let mut births = std::mem::take(&mut self.merger.births);
+        births.clear();
+        births.extend(slots.filter_map(|slot| self.landmarks.slot(slot)).map(|slot| slot.birth));
         for (place, a) in births.iter().enumerate() {
             births[..place].iter().for_each(|b| self.merger.note(*a, *b, 1));
         }
+        self.merger.births = births;
     }
 
     /// Merges a landmark into an older one wherever both mean one thing; returns whether the best particle held both.

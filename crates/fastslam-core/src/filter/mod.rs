@@ -35,12 +35,14 @@ use crate::measurement::{MeasurementModel, RangeBearing};
 use crate::motion::{MotionGaussian, PoseColumns};
 use crate::path::PathForest;
 use crate::random::{Purpose, RandomSource};
-use crate::resampling;
+use crate::resampling::Resampler;
 use crate::store::StoreUsage;
 use crate::weights::Weights;
 use crate::workers::{PerThread, Workers, PART};
 use appearance::Appearances;
 use beliefs::Beliefs;
+use examine::Examination;
+use existence::Judging;
 use health::{View, Vitals, Watch};
 use landmarks::Landmarks;
 use merging::Merger;
@@ -167,6 +169,7 @@ pub struct FastSlam<M = RangeBearing> {
     rejuvenation: Option<Rejuvenation>,
     weights: Weights,
     ancestor_indices: Vec<u32>,
+    resampler: Resampler,
     sensor_poses: SensorPoses,
     beliefs: Beliefs,
     /// The sightings of the step, each identity once in each; kept for their memory.
@@ -194,6 +197,8 @@ pub struct FastSlam<M = RangeBearing> {
     /// Sightings of the scan that founded a landmark in some map, with its slot.
     founded: Vec<(usize, u32)>,
     merger: Merger,
+    judging: Judging,
+    examination: Examination,
     /// Of the step's sightings, per particle.
     log_likelihood: Vec<f64>,
     estimate: PoseEstimate,
@@ -233,6 +238,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let workers = Workers::new(config.filter.threads)?;
         let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
         let mut landmarks = Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius);
+        landmarks.set_workers(&workers);
         landmarks.appearances = Appearances::new(config.filter.store, particles, &config.association);
         Ok(Self {
             landmarks,
@@ -250,6 +256,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             rejuvenation: (config.filter.rejuvenation.every_steps > 0).then(|| Rejuvenation::new(particles)),
             weights: Weights { values: vec![1.0 / particles as f64; particles], ..Weights::default() },
             ancestor_indices: Vec::with_capacity(particles),
+            resampler: Resampler::default(),
             sensor_poses: SensorPoses::default(),
             beliefs: Beliefs::default(),
             rounds: Vec::new(),
@@ -266,6 +273,8 @@ impl<M: MeasurementModel> FastSlam<M> {
             sighting_densities: Vec::new(),
             founded: Vec::new(),
             merger: Merger::default(),
+            judging: Judging::default(),
+            examination: Examination::default(),
             log_likelihood: Vec::with_capacity(particles),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             scratch: Vec::new(),
@@ -328,7 +337,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         done?;
         if info.sampled {
             let particles = &self.particles;
-            self.path.extend(stamp_s, |i| particles.pose(i));
+            self.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
             self.remember_step();
             if self.rejuvenation_is_due() {
                 info.rejuvenated = self.rejuvenate();
@@ -419,16 +428,24 @@ impl<M: MeasurementModel> FastSlam<M> {
             return false;
         }
         let stream = self.random.stream(Purpose::Resampling, self.samplings);
-        resampling::resample(settings.scheme, &self.weights.values, count, stream, &mut self.ancestor_indices);
+        let drawn = &mut self.ancestor_indices;
+        self.resampler.draw(settings.scheme, &self.weights.values, count, stream, drawn);
         let most = self.config.filter.particles as usize;
         let enough = self.config.filter.adaptive.count(&self.particles, &self.ancestor_indices, most);
         if enough != count {
-            resampling::resample(settings.scheme, &self.weights.values, enough, stream, &mut self.ancestor_indices);
+            let drawn = &mut self.ancestor_indices;
+            self.resampler.draw(settings.scheme, &self.weights.values, enough, stream, drawn);
         }
-        self.particles.resample(&self.ancestor_indices);
+        let Self { particles, landmarks, path, ancestor_indices, .. } = self;
+        self.workers.both(
+            count,
+            || path.resample(ancestor_indices),
+            || {
+                particles.resample(ancestor_indices);
+                landmarks.resample(ancestor_indices);
+            },
+        );
         self.log_likelihood.resize(enough, 0.0);
-        self.landmarks.resample(&self.ancestor_indices);
-        self.path.resample(&self.ancestor_indices);
         self.resample_history();
         info.resampled = true;
         true

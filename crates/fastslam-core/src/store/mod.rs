@@ -12,6 +12,7 @@ pub use dense::DenseStore;
 pub use lineage::LineageStore;
 pub use tree::TreeStore;
 
+use crate::workers::Workers;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -130,6 +131,9 @@ pub trait LandmarkStore: Send + Sync {
 
     /// Map i becomes a copy of the former map `ancestor_indices[i]`; their number may change.
     fn resample(&mut self, ancestor_indices: &[u32]);
+
+    /// Threads that may share the particles of a touch.
+    fn set_workers(&mut self, _workers: &Workers) {}
 
     /// What the population occupies.
     fn usage(&self) -> StoreUsage;

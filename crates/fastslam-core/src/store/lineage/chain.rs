@@ -12,15 +12,17 @@ const MAPS: usize = 32;
 pub(super) struct Level {
     /// Lineages of that generation that are still told apart: each is a row in every block of this level.
     pub(super) rows: u32,
+    /// How many of them had a descendant when that was last counted.
+    pub(super) alive: u32,
+    /// Number of blocks.
+    pub(super) blocks: u32,
     /// The blocks of this level form a list; this is its head.
     pub(super) first_block: u32,
     pub(super) older: u32,
-    younger: u32,
-    generation: u64,
+    pub(super) younger: u32,
+    pub(super) generation: u64,
     /// For each lineage its parent in the next older level; of the oldest level, the one lineage that began it all.
     parents: Place,
-    /// Some lineage may have no descendant in the next younger level.
-    stale: bool,
     /// Which composed map may be this level's.
     map: u32,
 }
@@ -41,6 +43,8 @@ pub(super) struct Chain {
     maps_in_use: usize,
     next_map: usize,
     scratch: [Vec<u32>; 2],
+    /// Which lineages of a level have a descendant; kept for its memory.
+    has_descendant: Vec<bool>,
 }
 
 impl Chain {
@@ -56,6 +60,7 @@ impl Chain {
             maps_in_use: 0,
             next_map: 0,
             scratch: [Vec::new(), Vec::new()],
+            has_descendant: Vec::new(),
         }
     }
 
@@ -79,11 +84,6 @@ impl Chain {
     /// Whether row i of this level's blocks is that of particle i.
     pub(super) fn in_particle_order(&self, level: u32) -> bool {
         level == self.newest && self.levels[level as usize].generation == self.generation
-    }
-
-    /// Whether a sweep that has come to this level must go on: it may lose lineages, or was made after `since`.
-    pub(super) fn worth_visiting(&self, level: u32, since: u64) -> bool {
-        level != NONE && (self.levels[level as usize].stale || self.levels[level as usize].generation >= since)
     }
 
     /// The level of the present generation, at most one, in which every particle is a lineage.
@@ -111,9 +111,40 @@ impl Chain {
         self.generation += 1;
         self.maps_in_use = 0;
         self.next_map = 0;
-        if self.newest != NONE {
-            self.levels[self.newest as usize].stale = true;
+    }
+
+    /// Counts the lineages that have a descendant, level by level from the newest to older ones, and tells `counted`
+    /// each level with the count of before. Returns the oldest level it came to.
+    ///
+    /// A lineage without a descendant hangs at its sister's parent from then on, so that it keeps no older one alive.
+    /// The count ends beyond `until` at a level that has lost at most `few` lineages. **Why:** no older one has lost
+    /// more of them; for `few` = 0 all counts are exact.
+    pub(super) fn count_alive(&mut self, few: u32, mut until: u32, mut counted: impl FnMut(&Level, u32)) -> u32 {
+        let Self { levels, parents, current, has_descendant: own, .. } = self;
+        let (mut at, mut last) = (self.newest, NONE);
+        while at != NONE {
+            let children = match levels.get(last as usize) {
+                None => &current[..],
+                Some(younger) => {
+                    let children = parents.get_mut(younger.parents, younger.rows as usize);
+                    leave_to_the_living(children, own);
+                    children
+                }
+            };
+            own.clear();
+            own.resize(levels[at as usize].rows as usize, false);
+            children.iter().for_each(|&lineage| own[lineage as usize] = true);
+            let alive = own.iter().map(|&alive| u32::from(alive)).sum();
+            let level = &mut levels[at as usize];
+            if until == NONE && level.alive - alive <= few {
+                break;
+            }
+            let before = std::mem::replace(&mut level.alive, alive);
+            counted(level, before);
+            until = if at == until { NONE } else { until };
+            (last, at) = (at, level.older);
         }
+        last
     }
 
     /// Lineage in `level` of every particle. Composed once per level and generation.
@@ -176,7 +207,7 @@ impl Chain {
 
     /// Takes a level without blocks out of the chain: its successor's parents become its own parents.
     pub(super) fn splice(&mut self, level: u32) {
-        let Level { rows, older, younger, parents, stale, map, .. } = self.levels[level as usize];
+        let Level { rows, older, younger, parents, map, .. } = self.levels[level as usize];
         let own = self.parents.get(parents, rows as usize);
         if younger == NONE {
             self.newest = older;
@@ -188,9 +219,7 @@ impl Chain {
             target.iter_mut().for_each(|parent| *parent = own[*parent as usize]);
         }
         if older != NONE {
-            let older = &mut self.levels[older as usize];
-            older.younger = younger;
-            older.stale |= stale;
+            self.levels[older as usize].younger = younger;
         }
         if let Some((owner, _)) = self.maps.get_mut(map as usize).filter(|(owner, _)| *owner == level) {
             *owner = NONE;
@@ -205,34 +234,32 @@ impl Chain {
     /// have moved, splicing the old level completes the pruning; in between the chain is valid at any moment.
     pub(super) fn split_survivors(&mut self, level: u32) -> Option<u32> {
         let rows = self.rows(level);
-        let Level { younger, generation, stale, .. } = self.levels[level as usize];
-        if !stale {
-            return None;
-        }
+        let Level { younger, generation, .. } = self.levels[level as usize];
         let children = if younger == NONE {
             &mut self.current[..]
         } else {
             let Level { parents, rows, .. } = self.levels[younger as usize];
             self.parents.get_mut(parents, rows as usize)
         };
-        let number = &mut self.scratch[0];
-        number.clear();
-        number.resize(rows, NONE);
-        children.iter().for_each(|&lineage| number[lineage as usize] = 0);
+        let [number, old_number] = &mut self.scratch;
+        for of_all in [&mut *number, &mut *old_number] {
+            of_all.clear();
+            of_all.resize(rows, 0);
+        }
+        children.iter().for_each(|&lineage| number[lineage as usize] = 1);
+        // Without branches: who dies is not to be guessed.
         let mut survivors = 0;
-        for number in number.iter_mut().filter(|number| **number != NONE) {
-            *number = survivors;
-            survivors += 1;
+        for (old, number) in number.iter_mut().enumerate() {
+            old_number[survivors as usize] = old as u32;
+            survivors += std::mem::replace(number, survivors);
         }
         if survivors as usize == rows {
-            self.levels[level as usize].stale = false;
             return None;
         }
         children.iter_mut().for_each(|lineage| *lineage = number[*lineage as usize]);
         let parents = self.parents.allocate(survivors as usize);
-        let old_numbers = (0..).zip(&self.scratch[0]).filter(|(_, new)| **new != NONE).map(|(old, _)| old);
         let target = self.parents.get_mut(parents, survivors as usize);
-        target.iter_mut().zip(old_numbers).for_each(|(parent, old)| *parent = old);
+        target.copy_from_slice(&old_number[..survivors as usize]);
         let above = self.add_level(survivors as usize, parents, generation, [level, younger]);
         if younger == NONE {
             self.newest = above;
@@ -244,6 +271,7 @@ impl Chain {
         let maps: usize = self.maps.iter().map(|(_, map)| map.capacity()).sum();
         let scratch: usize = self.scratch.iter().map(Vec::capacity).sum();
         self.levels.capacity() * size_of::<Level>()
+            + self.has_descendant.capacity()
             + self.parents.bytes()
             + self.maps.capacity() * size_of::<(u32, Vec<u32>)>()
             + (self.vacant.capacity() + self.current.capacity() + maps + scratch) * size_of::<u32>()
@@ -252,12 +280,13 @@ impl Chain {
     fn add_level(&mut self, rows: usize, parents: Place, generation: u64, [older, younger]: [u32; 2]) -> u32 {
         let level = Level {
             rows: rows as u32,
+            alive: rows as u32,
+            blocks: 0,
             first_block: NONE,
             older,
             younger,
             generation,
             parents,
-            stale: false,
             map: NONE,
         };
         let index = match self.vacant.pop() {
@@ -295,6 +324,15 @@ impl Chain {
         self.maps[index].0 = level;
         self.levels[level as usize].map = index as u32;
         index
+    }
+}
+
+/// Gives the parent of a living lineage to those without a descendant.
+fn leave_to_the_living(parents: &mut [u32], has_descendant: &[bool]) {
+    let Some(living) = has_descendant.iter().position(|alive| *alive) else { return };
+    let common = parents[living];
+    for (parent, &alive) in parents.iter_mut().zip(has_descendant) {
+        *parent = if alive { *parent } else { common };
     }
 }
 

@@ -8,13 +8,18 @@ mod arena;
 mod chain;
 
 use super::{LandmarkStore, Rows, RowsMut, StoreUsage};
+use crate::workers::{Workers, PART};
 use arena::{Arena, Place};
-use chain::{Chain, NONE};
+use chain::{Chain, Level, NONE};
 
-/// Generations between the beginnings of two sweeps.
-const SWEEP_EVERY: u64 = 8;
-/// What a call may spend on the sweep, in numbers moved per number of a landmark with all its rows.
-const SWEEP_SHARE_MAX: usize = 2;
+/// Dead rows are pruned until the rows are at most so many hundredths of those counted alive.
+const ROWS_PERCENT: usize = 118;
+/// Levels of which this share or more is dead are pruned in any case, in sixteenths.
+const DEAD_ALWAYS: usize = 6;
+/// Deaths are not counted further where they cannot make up more than one in so many rows.
+const DEATHS_COUNTED: usize = 128;
+/// What a resampling and what a touch may prune, in landmarks with all their rows.
+const PRUNED_AT_ONCE: [usize; 2] = [32, 1];
 
 /// Blocks stamped by generation: O(M) per touch and per resampling whatever the number of landmarks, and memory for
 /// the distinct rows only.
@@ -26,9 +31,14 @@ pub struct LineageStore {
     blocks: Vec<Block>,
     values: Arena<f64>,
     rows: usize,
+    /// Number of blocks.
+    held: usize,
+    /// Rows that some particle descends from, as far as they were counted.
+    alive: usize,
     /// Rows of the landmark that is being read, in particle order.
     scratch: Vec<f64>,
     sweep: Sweep,
+    workers: Workers,
 }
 
 /// The rows of one landmark: as many as its level has lineages, column after column.
@@ -44,22 +54,24 @@ struct Block {
 
 const EMPTY: Block = Block { level: NONE, previous: NONE, next: NONE, place: Place::EMPTY };
 
-/// Where the sweep from the newest level to the oldest stands.
-#[derive(Clone, Debug)]
+/// Where the sweep from older to younger levels stands.
+#[derive(Clone, Copy, Debug)]
 struct Sweep {
     /// The level to be looked at next; none between two sweeps.
     level: u32,
     /// The level that its blocks are moving to, without the dead rows.
     survivors: u32,
-    /// Generation at which the previous sweep began: older levels lose lineages only if a younger one did.
-    since: u64,
-    /// Generation at which this sweep began, or began and ended.
-    begun: u64,
-    /// Numbers moved since, and calls that had a share in it.
-    moved: usize,
-    calls: usize,
-    /// What a call moves, so that the sweep takes as many calls as the previous one had until this one began.
-    slice: usize,
+    /// The share of dead rows from which a level is pruned while there are too many of them, in sixteenths.
+    dead: usize,
+    /// Rows are too many above so many hundredths of those alive.
+    rows_percent: usize,
+}
+
+const AT_REST: Sweep = Sweep { level: NONE, survivors: NONE, dead: 0, rows_percent: ROWS_PERCENT };
+
+/// The dead share of a level's rows in sixteenths.
+fn dead_share(level: &Level) -> usize {
+    (16 * (level.rows - level.alive) / level.rows.max(1)) as usize
 }
 
 impl LineageStore {
@@ -71,8 +83,11 @@ impl LineageStore {
             blocks: Vec::new(),
             values: Arena::default(),
             rows: 0,
+            alive: 0,
+            held: 0,
             scratch: Vec::new(),
-            sweep: Sweep { level: NONE, survivors: NONE, since: 0, begun: 0, moved: 0, calls: 0, slice: 0 },
+            sweep: AT_REST,
+            workers: Workers::default(),
         }
     }
 
@@ -103,25 +118,33 @@ impl LineageStore {
     }
 
     fn link(&mut self, slot: u32, level: u32, place: Place) {
-        let next = std::mem::replace(&mut self.chain.level_mut(level).first_block, slot);
+        let of = self.chain.level_mut(level);
+        let next = std::mem::replace(&mut of.first_block, slot);
+        of.blocks += 1;
+        self.held += 1;
+        self.rows += of.rows as usize;
+        self.alive += of.alive as usize;
         if next != NONE {
             self.blocks[next as usize].previous = slot;
         }
         self.blocks[slot as usize] = Block { level, previous: NONE, next, place };
-        self.rows += self.chain.rows(level);
     }
 
     fn unlink(&mut self, slot: u32) -> Block {
         let block = std::mem::replace(&mut self.blocks[slot as usize], EMPTY);
+        let of = self.chain.level_mut(block.level);
+        of.blocks -= 1;
+        self.held -= 1;
+        self.rows -= of.rows as usize;
+        self.alive -= of.alive as usize;
         if block.previous == NONE {
-            self.chain.level_mut(block.level).first_block = block.next;
+            of.first_block = block.next;
         } else {
             self.blocks[block.previous as usize].next = block.next;
         }
         if block.next != NONE {
             self.blocks[block.next as usize].previous = block.previous;
         }
-        self.rows -= self.chain.rows(block.level);
         block
     }
 
@@ -129,14 +152,14 @@ impl LineageStore {
         if self.chain.level(level).first_block != NONE {
             return;
         }
-        let older = self.chain.level(level).older;
+        let younger = self.chain.level(level).younger;
         self.chain.splice(level);
         let survivors = self.sweep.survivors;
         if level == survivors {
             // Its blocks were all touched; what is left below it is looked at again.
             self.sweep.survivors = NONE;
         } else if level == self.sweep.level {
-            self.sweep.level = older;
+            self.sweep.level = younger;
             self.sweep.survivors = NONE;
             if survivors != NONE {
                 self.drop_if_empty(survivors);
@@ -155,7 +178,7 @@ impl LineageStore {
             Through::Map => self.chain.map(old.level),
             Through::Parents => self.chain.parents_of(level),
         };
-        gather(source, target, self.columns, lineages);
+        gather(&self.workers, source, target, lineages);
         self.values.free(old.place, from);
         self.link(slot, level, place);
         self.drop_if_empty(old.level);
@@ -178,51 +201,76 @@ impl LineageStore {
         }
     }
 
+    /// Counts the dead rows after a resampling and begins a sweep that leaves at most `rows_percent` hundredths of those
+    /// alive.
+    fn begin_sweep(&mut self, few: usize, rows_percent: usize) {
+        let unfinished = self.rest();
+        let (mut dead, mut gone) = ([0; 17], 0);
+        let generation = self.chain.generation;
+        let few = u32::try_from(few).unwrap_or(u32::MAX);
+        let oldest = self.chain.count_alive(few, unfinished, |level, before| {
+            gone += (before - level.alive) as usize * level.blocks as usize;
+            if level.generation + 1 < generation {
+                dead[dead_share(level)] += (level.rows - level.alive) as usize * level.blocks as usize;
+            }
+        });
+        self.alive -= gone;
+        let too_many = self.rows.saturating_sub(self.alive * rows_percent / 100);
+        let mut enough = 0;
+        let share = (1..=16).rev().find(|&share| {
+            enough += dead[share];
+            enough >= too_many
+        });
+        self.sweep = Sweep { level: oldest, dead: share.unwrap_or(0), rows_percent, ..AT_REST };
+    }
+
+    /// Leaves a sweep where it is, and returns that.
+    fn rest(&mut self) -> u32 {
+        let survivors = std::mem::replace(&mut self.sweep.survivors, NONE);
+        if survivors != NONE {
+            self.drop_if_empty(survivors);
+        }
+        std::mem::replace(&mut self.sweep, AT_REST).level
+    }
+
+    /// Whether a level's dead rows are to be dropped now.
+    ///
+    /// **Why not those of the youngest levels, if it can be helped:** landmarks in view are touched soon, which drops
+    /// them for nothing.
+    fn is_worth_pruning(&self, level: u32) -> bool {
+        let level = self.chain.level(level);
+        let (dead, in_view) = (dead_share(level), level.generation + 1 >= self.chain.generation);
+        let too_many = self.rows * 100 > self.alive * self.sweep.rows_percent;
+        level.alive < level.rows
+            && (too_many && (in_view || dead >= self.sweep.dead) || dead >= DEAD_ALWAYS && !in_view)
+    }
+
     /// Goes on with the sweep until about `budget` numbers were moved.
     fn sweep(&mut self, budget: usize) {
-        let limit = self.sweep.moved.saturating_add(budget);
-        while self.sweep.moved < limit {
-            let Sweep { level, survivors, since, .. } = self.sweep;
-            if survivors != NONE {
+        let mut moved = 0;
+        while self.sweep.level != NONE && moved < budget {
+            let Sweep { level, survivors, .. } = self.sweep;
+            let wanted = self.is_worth_pruning(level);
+            if wanted && survivors != NONE {
                 let slot = self.chain.level(level).first_block;
-                self.sweep.moved += self.rebase(slot, survivors, Through::Parents);
+                moved += self.rebase(slot, survivors, Through::Parents);
                 self.tidy(slot);
-            } else if self.chain.worth_visiting(level, since) {
-                self.sweep.moved += self.chain.rows(level);
-                match self.chain.split_survivors(level) {
-                    Some(survivors) => self.sweep.survivors = survivors,
-                    None => self.sweep.level = self.chain.level(level).older,
-                }
+            } else if let Some(survivors) = wanted.then(|| self.chain.split_survivors(level)).flatten() {
+                moved += self.chain.rows(level);
+                self.sweep.survivors = survivors;
             } else {
-                self.sweep.level = NONE;
-                return;
+                self.sweep.level = self.chain.level(level).younger;
+                self.sweep.survivors = NONE;
+                if survivors != NONE {
+                    self.drop_if_empty(survivors);
+                }
             }
         }
     }
 
-    /// The share of a call in the sweep.
-    ///
-    /// **Why:** a sweep at one go would make one step slow. It is spread evenly over the calls of its period; one
-    /// that is late goes on at a pace that keeps up with any caller, for what it has to do is in proportion to the
-    /// blocks that were touched.
-    fn sweep_slice(&mut self) {
-        let most = SWEEP_SHARE_MAX * self.columns * self.chain.particles();
-        let due = self.chain.generation >= self.sweep.begun + SWEEP_EVERY;
-        let late = due && self.sweep.level != NONE;
-        if due && !late {
-            let Sweep { begun, moved, calls, .. } = self.sweep;
-            self.sweep = Sweep {
-                level: self.chain.newest,
-                survivors: NONE,
-                since: begun,
-                begun: self.chain.generation,
-                moved: 0,
-                calls: 0,
-                slice: (moved + moved / 4) / calls.max(1),
-            };
-        }
-        self.sweep.calls += 1;
-        self.sweep(if late { most } else { self.sweep.slice.clamp(most / 16, most) });
+    /// Prunes what a call may.
+    fn prune(&mut self, blocks: usize) {
+        self.sweep(blocks * self.columns * self.chain.particles());
     }
 }
 
@@ -236,16 +284,46 @@ enum Through {
 }
 
 /// `target[c][i] = source[c][lineages[i]]`; no lineages mean that all rows are copies of the only one.
-fn gather(source: &[f64], target: &mut [f64], columns: usize, lineages: &[u32]) {
+fn gather(workers: &Workers, source: &[f64], target: &mut [f64], lineages: &[u32]) {
     if target.is_empty() {
         return;
     }
-    let (from, to) = (source.len() / columns, target.len() / columns);
-    for (source, target) in source.chunks_exact(from).zip(target.chunks_exact_mut(to)) {
-        if from == 1 {
-            target.fill(source[0]);
+    if lineages.is_empty() {
+        let to = target.len() / source.len();
+        target.chunks_exact_mut(to).zip(source).for_each(|(target, value)| target.fill(*value));
+        return;
+    }
+    let to = lineages.len();
+    let from = source.len() * to / target.len();
+    // Three columns side by side, so that an index is read and checked once for all of them.
+    let (mut source, mut target) = (source.chunks_exact(from), target.chunks_exact_mut(to));
+    while let (Some(a), Some(x)) = (source.next(), target.next()) {
+        if let (Some(b), Some(y)) = (source.next(), target.next()) {
+            match (source.next(), target.next()) {
+                (Some(c), Some(z)) => gather_columns(workers, [a, b, c], [x, y, z], lineages),
+                _ => gather_columns(workers, [a, b], [x, y], lineages),
+            }
         } else {
-            target.iter_mut().zip(lineages).for_each(|(value, &lineage)| *value = source[lineage as usize]);
+            gather_columns(workers, [a], [x], lineages);
+        }
+    }
+}
+
+fn gather_columns<const N: usize>(workers: &Workers, source: [&[f64]; N], target: [&mut [f64]; N], lineages: &[u32]) {
+    workers.share(target, PART, &|first, target: [&mut [f64]; N]| {
+        let lineages = &lineages[first..][..target[0].len()];
+        gather_part(source, target, lineages);
+    });
+}
+
+#[inline(never)] // On its own the compiler sees that the columns are of one length, and checks an index once.
+fn gather_part<const N: usize>(source: [&[f64]; N], target: [&mut [f64]; N], lineages: &[u32]) {
+    let (from, to) = (source[0].len(), lineages.len());
+    let source = source.map(|column| &column[..from]);
+    let target = target.map(|column| &mut column[..to]);
+    for (i, &lineage) in lineages.iter().enumerate() {
+        for column in 0..N {
+            target[column][i] = source[column][lineage as usize];
         }
     }
 }
@@ -261,7 +339,7 @@ impl LandmarkStore for LineageStore {
         let place = self.create(slot, level);
         self.values.get_mut(place, values.len()).copy_from_slice(values);
         self.tidy(slot);
-        self.sweep_slice();
+        self.prune(PRUNED_AT_ONCE[1]);
     }
 
     fn remove(&mut self, slot: u32) {
@@ -282,7 +360,7 @@ impl LandmarkStore for LineageStore {
         } else {
             let length = self.length(level);
             let lineages = if length == self.columns { &[] } else { self.chain.map(level) };
-            gather(self.values.get(place, length), &mut self.scratch, self.columns, lineages);
+            gather(&self.workers, self.values.get(place, length), &mut self.scratch, lineages);
         }
         Rows::new(&self.scratch, particles)
     }
@@ -297,7 +375,7 @@ impl LandmarkStore for LineageStore {
         let (begin, length) = (out.len(), self.length(level));
         out.resize(begin + self.chain.particles() * self.columns, 0.0);
         let lineages = if length == self.columns { &[] } else { self.chain.map(level) };
-        gather(self.values.get(place, length), &mut out[begin..], self.columns, lineages);
+        gather(&self.workers, self.values.get(place, length), &mut out[begin..], lineages);
     }
 
     fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool {
@@ -341,12 +419,17 @@ impl LandmarkStore for LineageStore {
         let place = self.block(slot).place;
         change(RowsMut::new(self.values.get_mut(place, length), particles));
         self.tidy(slot);
-        self.sweep_slice();
+        self.prune(PRUNED_AT_ONCE[1]);
     }
 
     fn resample(&mut self, ancestor_indices: &[u32]) {
         self.chain.resample(ancestor_indices);
-        self.sweep_slice();
+        self.begin_sweep(self.alive / (DEATHS_COUNTED * self.held.max(1)), ROWS_PERCENT);
+        self.prune(PRUNED_AT_ONCE[0]);
+    }
+
+    fn set_workers(&mut self, workers: &Workers) {
+        self.workers = workers.clone();
     }
 
     fn usage(&self) -> StoreUsage {
