@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import subprocess
 from collections.abc import Callable, Iterable, Sequence
@@ -18,6 +19,8 @@ from matplotlib.axes import Axes
 from scale_cases import Measurement, matched_ratio
 
 STORES = {"lineage": "C0", "tree": "C1", "dense": "C2"}
+VECTORS = {"avx512f": "AVX-512", "avx2": "AVX2"}
+"""Flag of the processor and name, the widest first."""
 
 
 @dataclass(frozen=True)
@@ -272,9 +275,11 @@ def _commit() -> str:
 
 
 def _processor() -> str:
+    """Architecture, the widest vectors that the kernels use, and the number of logical processors."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return f"{names[0] if names else platform.machine()} ({len(names)} logical processors)"
+        lines = []
+    flags = {flag for line in lines if line.startswith("flags") for flag in line.split(":", 1)[1].split()}
+    widest = next((name for flag, name in VECTORS.items() if flag in flags), "the baseline's vectors")
+    return f"{platform.machine()} with {widest} ({os.cpu_count()} logical processors)"
