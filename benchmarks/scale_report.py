@@ -43,8 +43,9 @@ def write_report(sweep: Sweep, folder: Path) -> Path:
     """Draws the figures and writes the report beside them; returns its path."""
     folder.mkdir(parents=True, exist_ok=True)
     stem = f"scale-{sweep.started:%Y-%m-%d}{'-quick' if sweep.quick else ''}"
-    draw(sweep, folder / f"{stem}.png")
+    # The head first: it names the commit, which a new picture would make a changed one.
     parts = [_head(sweep), f"![step time and memory]({stem}.png)", _targets(sweep)]
+    draw(sweep, folder / f"{stem}.png")
     parts += ["## Headline run", _headline_table(sweep.headline)]
     parts += [
         "## Many particles, one thread and two",
