@@ -96,9 +96,14 @@ class Evaluation:
 
     @property
     def T_truth_world(self) -> RigidTransform | None:
-        """Alignment of the run's world frame with the truth: by the path, else the map, else the fixes."""
-        if self.live is not None:
-            return self.live.transform
+        """Alignment of the run's world frame with the truth: by the path, else the map, else the fixes.
+
+        By the smoothed path where there is one: the map is that of the end, and the drift of the live path
+        before the first loop closed would turn the truth away from it.
+        """
+        for path in (self.smoothed, self.live):
+            if path is not None:
+                return path.transform
         if self.landmarks is not None and self.landmarks.transform is not None:
             return self.landmarks.transform
         return None if self.fixes is None else self.fixes.transform
