@@ -60,7 +60,8 @@ def cases() -> Iterator[Case]:
             folder = f"utias_mrclam/MRCLAM_Dataset{number}"
             for robot in range(1, 6):
                 yield Case(f"UTIAS {number} robot {robot}", folder, association, robot, None, 15)
-    yield Case("cityTrees10000", "city_trees10000", "known", landmarks=100)
+    for association in ("known", "unknown"):
+        yield Case("cityTrees10000", "city_trees10000", association, landmarks=100)
     yield Case("Victoria Park", "victoria_park", "unknown")
     yield Case("Victoria Park, raw scans", "victoria_park/ascii_2003", "unknown")
 

@@ -32,15 +32,7 @@ fn main() {
     let mut simulation = preset.with_landmarks(100).expect("a world of any size");
     simulation.sensor.max_range_m = 8.5;
     let simulated = simulate(&simulation).expect("a valid simulation");
-    let seen = &simulated.sightings;
-    let sighting =
-        |i: usize| Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok());
-    let log = LogData {
-        control_stamps_s: simulated.control_stamp_s.clone(),
-        controls: simulated.controls.clone(),
-        sighting_stamps_s: seen.stamp_s.clone(),
-        sightings: (0..seen.len()).map(sighting).collect(),
-    };
+    let log = simulated.log_data();
     let mut config = Config { motion: simulated.motion.clone(), sensor: simulated.sensor.clone(), ..Config::default() };
     for particles in counts {
         config.filter.particles = particles;

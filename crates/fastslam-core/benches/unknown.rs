@@ -18,15 +18,7 @@ fn main() {
     let landmarks = argument().unwrap_or(50_000);
     let simulation = SimulationConfig::preset("headline").expect("a preset").with_landmarks(landmarks);
     let simulated = simulate(&simulation.expect("a world of any size")).expect("a valid simulation");
-    let seen = &simulated.sightings;
-    let sighting =
-        |i: usize| Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok());
-    let log = LogData {
-        control_stamps_s: simulated.control_stamp_s.clone(),
-        controls: simulated.controls.clone(),
-        sighting_stamps_s: seen.stamp_s.clone(),
-        sightings: (0..seen.len()).map(sighting).collect(),
-    };
+    let log = simulated.log_data();
     let config = Config { motion: simulated.motion.clone(), sensor: simulated.sensor.clone(), ..Config::default() };
     println!("K = {landmarks}, M = {PARTICLES}; least and median of a step in ns per particle and sighting");
     for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {

@@ -6,9 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
 
 use fastslam_core::config::{Algorithm, Config};
-use fastslam_core::filter::Sighting;
 use fastslam_core::run::{run, Observer};
-use fastslam_core::timeline::LogData;
 use fastslam_sim::{simulate, Identities, SimulationConfig};
 use serde_json::{json, Map, Value};
 use std::path::PathBuf;
@@ -46,15 +44,7 @@ fn outcome(algorithm: Algorithm, identities: Identities) -> Value {
     simulation.scan.period_s = 0.4;
     simulation.scan.identities = identities;
     let simulated = simulate(&simulation).unwrap();
-    let seen = &simulated.sightings;
-    let sighting =
-        |i: usize| Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok());
-    let log = LogData {
-        control_stamps_s: simulated.control_stamp_s.clone(),
-        controls: simulated.controls.clone(),
-        sighting_stamps_s: seen.stamp_s.clone(),
-        sightings: (0..seen.len()).map(sighting).collect(),
-    };
+    let log = simulated.log_data();
     let mut config =
         Config { seed: 1, algorithm, motion: simulated.motion, sensor: simulated.sensor, ..Config::default() };
     config.filter.particles = 25;

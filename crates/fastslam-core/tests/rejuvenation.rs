@@ -76,15 +76,7 @@ fn world(
     simulation.max_duration_s = Some(duration_s);
     simulation.scan.identities = identities;
     let simulated = simulate(&simulation).unwrap();
-    let seen = &simulated.sightings;
-    let one =
-        |i: usize| Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok());
-    let log = LogData {
-        control_stamps_s: simulated.control_stamp_s.clone(),
-        controls: simulated.controls.clone(),
-        sighting_stamps_s: seen.stamp_s.clone(),
-        sightings: (0..seen.len()).map(one).collect(),
-    };
+    let log = simulated.log_data();
     let mut config = Config { seed, ..Config::default() };
     (config.motion, config.sensor) = (simulated.motion.clone(), simulated.sensor.clone());
     let [x_m, y_m, heading_rad] = simulated.T_world_robot[0];

@@ -2,11 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
 
-use fastslam_core::association::Appearance;
 use fastslam_core::config::{
     Algorithm, AssociationMode, Classes, Config, ExistenceForm, MergingRule, Method, Removal, Signatures,
 };
-use fastslam_core::filter::Sighting;
 use fastslam_core::resampling::ResamplingScheme;
 use fastslam_core::run::{run, Observer, RunOutput};
 use fastslam_core::store::StoreKind;
@@ -47,20 +45,7 @@ fn world(seed: u64, identities: Identities) -> (LogData, Config) {
     simulation.classes.names = ["red", "green", "blue"].map(String::from).to_vec();
     simulation.classes.confusion_probability = 0.1;
     let simulated = simulate(&simulation).unwrap();
-    let seen = &simulated.sightings;
-    let sighting = |i: usize| Sighting {
-        appearance: Appearance {
-            class: u32::try_from(seen.class_index[i]).ok(),
-            signature: Some(seen.signature[i]).filter(|value| value.is_finite()),
-        },
-        ..Sighting::range_bearing(seen.range_m[i], seen.bearing_rad[i], u32::try_from(seen.identity[i]).ok())
-    };
-    let log = LogData {
-        control_stamps_s: simulated.control_stamp_s.clone(),
-        controls: simulated.controls.clone(),
-        sighting_stamps_s: seen.stamp_s.clone(),
-        sightings: (0..seen.len()).map(sighting).collect(),
-    };
+    let log = simulated.log_data();
     let mut config = Config { seed, motion: simulated.motion, sensor: simulated.sensor, ..Config::default() };
     config.filter.particles = 30;
     (log, config)

@@ -3,9 +3,12 @@
 use crate::config::SimulationConfig;
 use crate::vehicle::Drive;
 use crate::world::Scene;
+use fastslam_core::association::Appearance;
 use fastslam_core::detect::BeamGeometry;
+use fastslam_core::filter::Sighting;
 use fastslam_core::measurement::Sensor;
 use fastslam_core::motion::{ControlTiming, Motion};
+use fastslam_core::timeline::LogData;
 
 /// A log with its truth, column by column.
 #[derive(Clone, Debug)]
@@ -36,6 +39,18 @@ pub struct SimulatedLog {
     pub sensor: Sensor,
 }
 
+impl SimulatedLog {
+    /// What a filter is given of it: controls and sightings, without the truth.
+    pub fn log_data(&self) -> LogData {
+        LogData {
+            control_stamps_s: self.control_stamp_s.clone(),
+            controls: self.controls.clone(),
+            sighting_stamps_s: self.sightings.stamp_s.clone(),
+            sightings: (0..self.sightings.len()).map(|i| self.sightings.sighting(i)).collect(),
+        }
+    }
+}
+
 /// Sightings in order of time and, within a scan, of bearing.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedSightings {
@@ -64,6 +79,16 @@ impl SimulatedSightings {
     /// Whether nothing was sighted.
     pub fn is_empty(&self) -> bool {
         self.stamp_s.is_empty()
+    }
+
+    /// One of them as a filter is given it.
+    fn sighting(&self, i: usize) -> Sighting {
+        let appearance = Appearance {
+            class: u32::try_from(self.class_index[i]).ok(),
+            signature: Some(self.signature[i]).filter(|value| value.is_finite()),
+        };
+        let identity = u32::try_from(self.identity[i]).ok();
+        Sighting { appearance, ..Sighting::range_bearing(self.range_m[i], self.bearing_rad[i], identity) }
     }
 }
 

@@ -192,6 +192,12 @@ impl Landmarks {
         self.store.read_row(slot, particle, out)
     }
 
+    /// Whether somebody said the identity of one particle's landmark.
+    pub fn is_named(&self, slot: u32, particle: usize) -> bool {
+        let mut row = vec![0.0; self.columns];
+        self.columns > column::IDENTITY && self.read_row(slot, particle, &mut row) && row[column::IDENTITY] != 0.0
+    }
+
     /// Changes a landmark in the maps that `mask` marks (all without one).
     pub fn update(&mut self, slot: u32, mask: Option<&[bool]>, mut change: impl FnMut(RowsMut<'_>)) {
         let Self { store, grid, gate_radius, .. } = self;
@@ -266,4 +272,21 @@ fn place(grid: &mut Option<Grid>, slot: u32, count: &[f64], [x, y, xx, yy]: &[&[
     }
     let margin = gate_radius * traces.high[0].max(0.0).sqrt();
     grid.set(slot, Box2 { low: area.low.map(|v| v - margin), high: area.high.map(|v| v + margin) });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_that_came_later_counts_in_the_maps_that_have_it() {
+        let mut landmarks = Landmarks::new(StoreKind::Lineage, 2, Identities::Some, 1.0, 3.0);
+        let columns = landmarks.columns();
+        let mut rows = vec![1.0; 2 * columns];
+        rows[2 * column::IDENTITY..].fill(0.0);
+        let slot = landmarks.insert(None, &rows, 0.0);
+        assert!(!landmarks.is_named(slot, 0) && !landmarks.is_named(slot, 1));
+        landmarks.update(slot, Some(&[false, true]), |mut rows| rows.column(column::IDENTITY)[1] = 5.0);
+        assert!(!landmarks.is_named(slot, 0) && landmarks.is_named(slot, 1));
+    }
 }

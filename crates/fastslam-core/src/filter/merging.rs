@@ -16,11 +16,12 @@ use rustc_hash::FxHashMap;
 /// Duplicates are looked for in every so many steps.
 const PERIOD: u64 = 8;
 
-/// Two landmarks are two things when the younger was sighted together with the older once in so many sightings.
+/// Two landmarks are two things when they were sighted together once in so many sightings of the younger (of either,
+/// where loops are closed).
 ///
 /// **Why:** not never, because a particle that takes a sighting for the wrong one of two duplicates takes another one of
 /// the scan for the right one now and then.
-const RARE: f64 = 20.0;
+pub(super) const RARE: f64 = 20.0;
 
 /// What merging remembers.
 #[derive(Clone, Debug, Default)]

@@ -8,6 +8,7 @@
 //!
 //! **Source:** joint compatibility (`neira2001jcbb`), here between landmarks and as a likelihood ratio.
 
+use super::super::merging::RARE;
 use super::conditional::{Lanes, LANES};
 use super::differences::{Candidate, Differences, Pair, Set};
 use super::graph::{Graph, Mode, Sights};
@@ -23,8 +24,6 @@ const YOUNGER_AT_ONCE: usize = 10;
 const OLDER_EACH: usize = 6;
 /// Sets are looked for so many times: what a closed loop makes sure lets others close.
 const PASSES: usize = 8;
-/// Two landmarks are two things when they were sighted together once in so many sightings of one of them.
-const RARE: usize = 20;
 /// The density of landmarks is that among so many neighbours.
 const NEIGHBOURS: usize = 8;
 
@@ -53,9 +52,11 @@ impl<M: MeasurementModel> Graph<'_, M> {
         let mut merges = Vec::new();
         for pass in 0..PASSES {
             let sets = self.sets(&mode, closing, &mut normal(mode.factor.size(), pass));
-            let few = sets.len().min(1);
-            let closed = [&sets[..], &sets[..few]].into_iter().filter(|sets| !sets.is_empty());
-            let Some((landmarks, new_mode, pairs)) = closed.map(|sets| self.closed(sets, &mode)).find_map(|c| c) else {
+            // All together, or else the likeliest alone.
+            let mut attempts: Vec<&[Set]> = vec![&sets];
+            attempts.extend(sets.get(..1).filter(|_| sets.len() > 1));
+            let Some((landmarks, new_mode, pairs)) = attempts.into_iter().find_map(|sets| self.closed(sets, &mode))
+            else {
                 break;
             };
             merges.extend(pairs.iter().map(|[older, younger]| [*younger, *older].map(|k| self.landmarks[k].birth)));
@@ -64,9 +65,12 @@ impl<M: MeasurementModel> Graph<'_, M> {
         (mode, merges)
     }
 
-    /// The landmarks and the mode with the pairs made one; `None` when that does not fit.
+    /// The landmarks and the mode with the pairs made one; `None` when that does not fit or there are none.
     fn closed(&self, sets: &[Set], mode: &Mode) -> Option<(Vec<Sights>, Mode, Vec<Pair>)> {
         let pairs: Vec<Pair> = sets.iter().flat_map(|set| set.pairs.iter().copied()).collect();
+        if pairs.is_empty() {
+            return None;
+        }
         let mut landmarks = self.landmarks.clone();
         let mut guess = mode.solution.clone();
         for &[older, younger] in &pairs {
@@ -106,15 +110,15 @@ impl<M: MeasurementModel> Graph<'_, M> {
     }
 
     /// How far the landmarks lie from the mode in a few draws.
-    fn deviations(&self, mode: &Mode, normal: &mut [Lanes]) -> Vec<[Lanes; 2]> {
+    fn deviations(&self, mode: &Mode, normal: &mut [Lanes]) -> Vec<Deviations> {
         let first = self.first_landmark_variable(mode);
-        let mut deviations = vec![[[0.0; LANES]; 2]; self.landmarks.len()];
+        let mut drawn = vec![[[0.0; LANES]; 2]; self.landmarks.len()];
         mode.factor.draw(normal, |variable, lanes| {
             if let Some(place) = variable.checked_sub(first) {
-                deviations[place / 2][place % 2] = *lanes;
+                drawn[place / 2][place % 2] = *lanes;
             }
         });
-        deviations
+        drawn.into_iter().map(Deviations::new).collect()
     }
 
     /// The older landmarks that may be the same thing as this one, the nearest first.
@@ -123,22 +127,21 @@ impl<M: MeasurementModel> Graph<'_, M> {
         younger: usize,
         mode: &Mode,
         closing: &Closing<'_>,
-        deviations: &[[Lanes; 2]],
+        deviations: &[Deviations],
     ) -> Vec<Candidate> {
         let at = &mode.solution.landmarks;
-        let mut near: Vec<(f64, usize)> = (0..younger)
-            .map(|older| {
-                let apart = [at[older][0] - at[younger][0], at[older][1] - at[younger][1]];
-                (loose_distance(apart, &deviations[older], &deviations[younger], closing.tolerance_m2), older)
-            })
-            .filter(|(distance, _)| *distance <= LOOSE_GATE)
-            .collect();
+        let distance = |older: usize| {
+            let apart = [at[older][0] - at[younger][0], at[older][1] - at[younger][1]];
+            deviations[older].distance(&deviations[younger], apart, closing.tolerance_m2)
+        };
+        let mut near: Vec<(f64, usize)> =
+            (0..younger).filter_map(|older| distance(older).map(|distance| (distance, older))).collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         let log_density = if near.is_empty() { 0.0 } else { log_density(at, younger) };
         let candidate = |older: usize| {
             let [old, young] = [older, younger].map(|k| &self.landmarks[k]);
             let evidence = (closing.evidence)([old.birth, young.birth])?;
-            let apart = seen_together(old, young) * RARE <= old.seen.len().min(young.seen.len());
+            let apart = RARE * seen_together(old, young) as f64 <= old.seen.len().min(young.seen.len()) as f64;
             apart.then_some(Candidate { pair: [older, younger], log_odds: evidence - log_density })
         };
         near.into_iter().filter_map(|(_, older)| candidate(older)).take(OLDER_EACH).collect()
@@ -186,12 +189,37 @@ impl<M: MeasurementModel> Graph<'_, M> {
     }
 }
 
-/// The squared Mahalanobis distance of two landmarks, their covariance taken from a few draws.
-fn loose_distance([x, y]: [f64; 2], a: &[Lanes; 2], b: &[Lanes; 2], tolerance_m2: f64) -> f64 {
-    let moment =
-        |r: usize, c: usize| (0..LANES).map(|i| (a[r][i] - b[r][i]) * (a[c][i] - b[c][i])).sum::<f64>() / LANES as f64;
-    let (xx, xy, yy) = (moment(0, 0) + tolerance_m2, moment(0, 1), moment(1, 1) + tolerance_m2);
-    (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy)
+/// How far a landmark lies from the mode in a few draws.
+struct Deviations {
+    /// x and y of each draw, metres.
+    drawn: [Lanes; 2],
+    /// Root mean square over the draws, metres.
+    rms_m: f64,
+}
+
+impl Deviations {
+    fn new(drawn: [Lanes; 2]) -> Self {
+        let squares: f64 = drawn.iter().flatten().map(|d| d * d).sum();
+        Self { drawn, rms_m: (squares / LANES as f64).sqrt() }
+    }
+
+    /// The squared Mahalanobis distance of two landmarks that are `apart`, with the covariance of these draws; `None`
+    /// beyond the gate.
+    fn distance(&self, other: &Self, apart: [f64; 2], tolerance_m2: f64) -> Option<f64> {
+        // No variance of the difference exceeds the square of the sum, so that most pairs need no more than this.
+        let most = (self.rms_m + other.rms_m).powi(2) + tolerance_m2;
+        let [x, y] = apart;
+        if x * x + y * y > LOOSE_GATE * most {
+            return None;
+        }
+        let (a, b) = (&self.drawn, &other.drawn);
+        let moment = |r: usize, c: usize| {
+            (0..LANES).map(|i| (a[r][i] - b[r][i]) * (a[c][i] - b[c][i])).sum::<f64>() / LANES as f64
+        };
+        let (xx, xy, yy) = (moment(0, 0) + tolerance_m2, moment(0, 1), moment(1, 1) + tolerance_m2);
+        let distance = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy);
+        (distance <= LOOSE_GATE).then_some(distance)
+    }
 }
 
 /// ln of the number of landmarks per square metre around one of them.
@@ -325,6 +353,27 @@ mod tests {
         // Each pair is a billion times likelier two things than one by its looks.
         let closing = Closing { evidence: &|_| Some(-20.7), ..closing };
         assert!(close(&ring(), &closing).1.is_empty());
+    }
+
+    #[test]
+    fn nothing_within_the_gate_is_passed_over() {
+        let stream = RandomSource::new(3).stream(Purpose::Simulation, 0);
+        let mut within = 0;
+        for case in 0..2000_u32 {
+            let drawn = |which: u32| {
+                let pair = |lane: usize| stream.normal_pair(case, which * LANES as u32 + lane as u32);
+                let common = stream.normal_pair(case, 99)[0];
+                Deviations::new([0, 1].map(|axis| std::array::from_fn(|lane| common + 0.3 * pair(lane)[axis])))
+            };
+            let (a, b) = (drawn(0), drawn(1));
+            let apart = stream.normal_pair(case, 100).map(|n| 1.5 * n);
+            // Without the quick way out.
+            let wide = |d: &Deviations| Deviations { drawn: d.drawn, rms_m: 1e3 };
+            let slow = wide(&a).distance(&wide(&b), apart, 0.01);
+            assert_eq!(a.distance(&b, apart, 0.01), slow);
+            within += usize::from(slow.is_some());
+        }
+        assert!((500..1900).contains(&within), "{within} of 2000 within the gate");
     }
 
     #[test]

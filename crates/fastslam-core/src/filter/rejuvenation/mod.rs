@@ -191,7 +191,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let best = self.particles.best();
         let evidence = |births: [u32; 2]| {
             let [older, younger] = births.map(|birth| slots[&birth].0);
-            let named = self.landmarks.slot(younger).is_some_and(|slot| slot.identity.is_some());
+            let named = self.landmarks.is_named(younger, best);
             let looks = self.landmarks.appearances.as_ref();
             (!named).then(|| looks.map_or(0.0, |looks| looks.evidence_of_one([older, younger], best)))
         };
