@@ -1,0 +1,63 @@
+"""The script that measures the structure of the crates sees what is there."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="module")
+def structure() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("structure", ROOT / "scripts" / "structure.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["structure"] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+FILES = {
+    "lib.rs": "mod low;\nmod room;\nmod top;\n#[cfg(test)]\nmod tests { use crate::top::Top; }\n",
+    "low.rs": "pub const ONE: f64 = 1.0; // use crate::top::Top;\n",
+    "room/mod.rs": "mod left;\nmod right;\npub use left::Left;\npub use right::Right;\n",
+    "room/left.rs": "use super::Right;\nuse crate::low::{self, ONE};\npub struct Left { a: Right }\n",
+    "room/right.rs": "pub struct Right;\nfn f() -> f64 { 'x'; crate::room::left::g(\"{\") }\n",
+    "top.rs": "use crate::room::Left;\npub struct Top { left: Left }\npub fn h() {\n    let _ = 1;\n}\n",
+}
+
+
+def test_circles_are_found_through_reexports_and_full_paths(structure: ModuleType, tmp_path: Path) -> None:
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    sources = structure.read(tmp_path)
+    assert len(sources) == len(FILES)
+    graph = structure.imports(sources)
+    named = {
+        (str(file.relative_to(tmp_path)), str(other.relative_to(tmp_path)))
+        for file, others in graph.items()
+        for other in others
+    }
+    assert named == {
+        ("room/left.rs", "room/right.rs"),
+        ("room/left.rs", "low.rs"),
+        ("room/right.rs", "room/left.rs"),
+        ("top.rs", "room/left.rs"),
+    }
+    circles = structure.circles(graph)
+    assert [[path.name for path in circle] for circle in circles] == [["left.rs", "right.rs"]]
+
+
+def test_fields_and_lines_are_counted_without_comments_and_strings(structure: ModuleType) -> None:
+    code = (
+        "struct A<'a> {\n #[serde(default)]\n x: &'a str,\n pub y: std::ops::Range<u8>,\n}\nstruct B(f64);\n"
+    )
+    assert list(structure.fields(code)) == [("A", 2)]
+    code = "trait T {\n fn none(&self, a: [f64; 2]);\n fn some(&self) {\n  if true {}\n }\n}\n"
+    assert list(structure.functions(code)) == [("some", 3)]
