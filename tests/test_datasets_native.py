@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fastslam.datasets import load, write_native
-from fastslam.datasets.native import COVARIANCE_COLUMNS
+from fastslam.datasets.native_sightings import COVARIANCE_COLUMNS
 from fastslam.errors import DataError
 from small_log import make_small_log
 

@@ -13,7 +13,8 @@ import numpy as np
 from .._yaml import write_yaml
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
-from .native import CONFIG_KEYS, COVARIANCE_COLUMNS
+from .native_settings import CONFIG_KEYS
+from .native_sightings import COVARIANCE_COLUMNS
 from .scans_file import NAME as SCANS
 from .scans_file import write_scans
 
