@@ -17,3 +17,12 @@ def data_dir() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real logs are absent ({folder}): set FASTSLAM_DATA")
     return folder
+
+
+@pytest.fixture(scope="session")
+def cases() -> Path:
+    """Folder of the small faulty logs: FASTSLAM_CASES, else ../shared/cases. Skips the test without it."""
+    folder = Path(os.environ.get("FASTSLAM_CASES", ROOT.parent / "shared" / "cases"))
+    if not folder.is_dir():
+        pytest.skip(f"logs with faults are absent ({folder}): set FASTSLAM_CASES")
+    return folder

@@ -6,6 +6,7 @@
 pub mod association;
 pub mod config;
 pub mod detect;
+pub mod diagnosis;
 pub mod ekf_slam;
 pub mod error;
 pub mod filter;

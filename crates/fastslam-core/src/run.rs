@@ -1,8 +1,9 @@
 //! A whole log through the filter, in one call.
 
 use crate::config::Config;
+use crate::diagnosis::NoiseReport;
 use crate::error::Result;
-use crate::filter::{Identities, MapEstimate, NoiseReport, PoseEstimate, Skipped, StepInfo};
+use crate::filter::{Identities, MapEstimate, PoseEstimate, Skipped, StepInfo};
 use crate::geometry::Pose;
 use crate::slam;
 use crate::store::StoreUsage;

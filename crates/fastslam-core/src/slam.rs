@@ -1,9 +1,10 @@
 //! What every filter can do, so that a run over a log need not know which one it has.
 
 use crate::config::{Algorithm, Config};
+use crate::diagnosis::NoiseReport;
 use crate::ekf_slam::EkfSlam;
 use crate::error::Result;
-use crate::filter::{FastSlam, Identities, MapEstimate, NoiseReport, PoseEstimate, Sighting, StepInfo};
+use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;

@@ -3,7 +3,8 @@
 use crate::settings::to_python;
 use crate::{arrays, config};
 use fastslam_core::config::Config;
-use fastslam_core::filter::{MapEstimate, NoiseReport};
+use fastslam_core::diagnosis::NoiseReport;
+use fastslam_core::filter::MapEstimate;
 use fastslam_core::run::{Observer, RunOutput, StepRecord};
 use fastslam_core::timeline::{LogData, Timeline};
 use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};

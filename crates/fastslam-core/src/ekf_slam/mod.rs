@@ -8,10 +8,11 @@ pub mod covariance;
 
 use crate::association::{by_robot_pose, Appearance, Rules, ScanSighting};
 use crate::config::Config;
+use crate::diagnosis::health::{View as FieldOfView, Vitals, Watch};
+use crate::diagnosis::innovations::PredictedScan;
+use crate::diagnosis::NoiseReport;
 use crate::error::{Error, Result};
-use crate::filter::health::{View as FieldOfView, Vitals, Watch};
-use crate::filter::innovations::PredictedScan;
-use crate::filter::{usable, Identities, MapEstimate, MapLandmark, NoiseReport, PoseEstimate, Sighting, StepInfo};
+use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Sighting, StepInfo};
 use crate::geometry::{transform3, Matrix3, Pose, Symmetric2};
 use crate::landmark::{fit_with_tail, Fit, Measured};
 use crate::math::wrap_angle;
@@ -183,8 +184,17 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let report = &self.noise_report;
         (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
         let births_before = self.landmarks.len() as u64 - u64::from(info.new_landmarks);
-        let (particles, effective_sample_size, pose) = (1, 1.0, self.pose());
-        let vitals = Vitals { stamp_s, particles, effective_sample_size, pose, births_before, map_in_view: None };
+        let PoseEstimate { mean: T_world_robot, covariance: pose_covariance } = self.pose();
+        let (particles, effective_sample_size, map_in_view) = (1, 1.0, None);
+        let vitals = Vitals {
+            stamp_s,
+            particles,
+            effective_sample_size,
+            T_world_robot,
+            pose_covariance,
+            births_before,
+            map_in_view,
+        };
         let model = &self.model;
         info.health = self.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
     }

@@ -1,11 +1,11 @@
 //! Looks at some scans before the filter uses them: what it predicted of their sightings, and what came.
 
-use super::health::MapInView;
-use super::innovations::{PredictedScan, JOINT_MAX};
 use super::scan::ScanSighting;
 use super::FastSlam;
 use crate::association::{by_robot_pose, Belief, Box2, CandidateTable, Decision};
 use crate::config::Algorithm;
+use crate::diagnosis::health::MapInView;
+use crate::diagnosis::innovations::{PredictedScan, JOINT_MAX};
 use crate::geometry::{Matrix3, Symmetric2};
 use crate::landmark::{column, gaussian_in, innovation_covariance, Gaussian, Measured};
 use crate::measurement::MeasurementModel;

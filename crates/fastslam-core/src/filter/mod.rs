@@ -7,12 +7,9 @@ mod estimate;
 mod examine;
 mod existence;
 mod extent;
-pub(crate) mod health;
 mod identified;
-pub(crate) mod innovations;
 mod landmarks;
 mod merging;
-pub(crate) mod noise_check;
 mod particles;
 mod rejuvenation;
 mod scan;
@@ -20,14 +17,14 @@ mod scan_methods;
 mod usable;
 
 pub use estimate::{MapEstimate, MapLandmark};
-pub use health::{Health, HealthReason, HealthStatus};
 pub use landmarks::Identities;
-pub use noise_check::{Noise, NoiseReport, NoiseWarning, NoiseWarnings};
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
 use crate::association::{fast, Appearance, CandidateTable, Decision, FitTable, Rules, Scratch};
 use crate::config::{Algorithm, Config};
+use crate::diagnosis::health::{MapInView, View, Vitals, Watch};
+use crate::diagnosis::{Health, NoiseReport, NoiseWarnings};
 use crate::error::{Error, Result};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::SensorPoses;
@@ -43,7 +40,6 @@ use appearance::Appearances;
 use beliefs::Beliefs;
 use examine::Examination;
 use existence::Judging;
-use health::{View, Vitals, Watch};
 use landmarks::Landmarks;
 use merging::Merger;
 use rejuvenation::Rejuvenation;
@@ -208,7 +204,7 @@ pub struct FastSlam<M = RangeBearing> {
     /// What the sliding window said of the noise when it was last looked at.
     noise_report: NoiseReport,
     /// Landmarks of the map that the scan should have shown, where that was looked at.
-    map_in_view: Option<health::MapInView>,
+    map_in_view: Option<MapInView>,
 }
 
 impl FastSlam {
@@ -467,7 +463,8 @@ impl<M: MeasurementModel> FastSlam<M> {
             stamp_s,
             particles: self.particles.len(),
             effective_sample_size: info.effective_sample_size,
-            pose: self.estimate,
+            T_world_robot: self.estimate.mean,
+            pose_covariance: self.estimate.covariance,
             births_before,
             map_in_view: self.map_in_view.take(),
         };

@@ -3,7 +3,7 @@
 //! The sightings of a scan are judged together, under the covariance S that the filter predicts for all of them: that
 //! of the mixture over the particles, the motion since the last scan included. S depends on three noises, those of
 //! range, of bearing and of the motion, and the scan says of each by the score of its variance whether it should have
-//! been larger or smaller. [`NoiseCheck`](super::noise_check::NoiseCheck) gathers the scores.
+//! been larger or smaller. [`NoiseCheck`](super::noise::NoiseCheck) gathers the scores.
 //!
 //! Whatever moves all sightings of a scan as if the robot stood elsewhere may come from the motion, from a map that is
 //! off, or from particles that have died out. The sensor is therefore judged by what is left when the pose is free:

@@ -1,9 +1,8 @@
 //! Whether the filter can still be believed, and if not, why.
 
-use super::noise_check::NoiseCheck;
-use super::PoseEstimate;
+use super::noise::NoiseCheck;
 use crate::config::{Config, HealthConfig};
-use crate::geometry::Pose;
+use crate::geometry::{Matrix3, Pose};
 use std::collections::VecDeque;
 
 /// How the filter is doing.
@@ -77,7 +76,9 @@ pub(crate) struct Vitals {
     /// Before resampling.
     pub effective_sample_size: f64,
     /// Pose after the step.
-    pub pose: PoseEstimate,
+    pub T_world_robot: Pose,
+    /// Its covariance.
+    pub pose_covariance: Matrix3,
     /// Landmarks ever created before the step.
     pub births_before: u64,
     /// Of the last examined scan, where one was.
@@ -242,7 +243,7 @@ impl Watch {
     /// The verdict after a step. `place` gives the position in the world of something sighted from a pose.
     pub fn judge(&mut self, vitals: &Vitals, place: impl Fn(Pose, [f64; 2]) -> [f64; 2]) -> Health {
         let settings = self.settings;
-        let expected = self.places.iter().filter(|at| self.view.contains(vitals.pose.mean, **at)).count();
+        let expected = self.places.iter().filter(|at| self.view.contains(vitals.T_world_robot, **at)).count();
         let share = newest(settings.window_steps);
         if self.sightings > 0 {
             self.look_for_tears(expected, vitals.births_before);
@@ -257,7 +258,7 @@ impl Watch {
         if let Some(in_view) = vitals.map_in_view {
             self.count_view(in_view, share);
         }
-        self.remember(vitals.pose.mean, place);
+        self.remember(vitals.T_world_robot, place);
         self.verdict(vitals)
     }
 
@@ -315,7 +316,7 @@ impl Watch {
         let lost = self.unexplained > 0.5 * (1.0 + limit) || self.torn.is_some_and(|torn| torn.scans >= TORN_SCANS);
         let torn = self.torn.is_some();
         note(HealthReason::SightingsUnexplained, torn || self.unexplained > limit, lost);
-        let [[xx, xy, _], [_, yy, _], [_, _, hh]] = vitals.pose.covariance;
+        let [[xx, xy, _], [_, yy, _], [_, _, hh]] = vitals.pose_covariance;
         let position = crate::geometry::Symmetric2::new(xx, xy, yy).largest_eigenvalue().max(0.0).sqrt();
         let spread =
             (position / settings.largest_position_std_m).max(hh.max(0.0).sqrt() / settings.largest_heading_std_rad);

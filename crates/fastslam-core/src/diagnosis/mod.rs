@@ -1,0 +1,10 @@
+//! What a filter's own sightings say about it: innovations, noise, health. Numbers only; sentences are made in Python.
+//!
+//! Serves the particle filter and EKF-SLAM alike and knows neither: they hand over what they predicted and what came.
+
+pub(crate) mod health;
+pub(crate) mod innovations;
+pub(crate) mod noise;
+
+pub use health::{Health, HealthReason, HealthStatus};
+pub use noise::{Noise, NoiseReport, NoiseWarning, NoiseWarnings};
