@@ -41,12 +41,12 @@ FATAL: dict[str, tuple[Callable[[Path], object], int, str]] = {
         "odometry.csv",
     ),
     "unit in the header": (
-        lambda log: replace(log / "sightings.csv", "bearing_rad", "bearing_deg"),
+        lambda log: replace(log / "sightings.csv", "bearing_rad", "bearing_m"),
         1,
-        "sightings.csv:1: column bearing_deg has another unit",
+        "sightings.csv:1: column bearing_m: got the unit m, expected rad",
     ),
-    "no unit in the header": (
-        lambda log: replace(log / "odometry.csv", "speed_m_per_s", "speed"),
+    "unknown column in the header": (
+        lambda log: replace(log / "odometry.csv", "speed_m_per_s", "weather"),
         1,
         "odometry.csv:1",
     ),

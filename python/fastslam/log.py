@@ -149,3 +149,5 @@ class Log:
     config: dict[str, Any] = field(default_factory=dict)
     """The log's own settings (`motion`, `sensor`, `association`, ...): a partial configuration."""
     problems: tuple[Problem, ...] = ()
+    notes: tuple[str, ...] = ()
+    """What the reader took for granted where the files leave it open."""

@@ -19,7 +19,8 @@ def info(path: LogPath, format: Format = None, robot: Robot = None, run: Run = N
       fastslam info LOG
       fastslam info MRCLAM_Dataset1 --robot 2
     """
-    summary = describe(load(path, format=format, robot=robot, run=run))
+    log = load(path, format=format, robot=robot, run=run)
+    summary = describe(log)
     console = stdout()
     title = f"{summary.name} (format {summary.format}, motion model {summary.motion_model})"
     console.print(make_table(title, ("quantity", ">value", "unit"), _rows(summary)))
@@ -28,6 +29,8 @@ def info(path: LogPath, format: Format = None, robot: Robot = None, run: Run = N
         shown = ", ".join(f"{name}: {count:,}" for name, count in tally[:20])
         more = f", and {len(tally) - 20} more" if len(tally) > 20 else ""
         console.print(f"sightings per landmark: {shown}{more}", markup=False, highlight=False)
+    for note in log.notes:
+        console.print(f"note: {note}", markup=False, highlight=False)
     for problem in summary.problems:
         console.print(f"problem: {problem.message} ({problem.count:,})", markup=False, highlight=False)
     if not summary.problems:

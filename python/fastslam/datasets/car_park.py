@@ -122,11 +122,11 @@ def local_metres(latitude_deg: Floats, longitude_deg: Floats) -> Floats:
 def _posts(path: Path) -> TruthLandmarks | None:
     if not path.is_file():
         return None
-    table = read_csv(path)
+    table = read_csv(path, example="post,east_m,north_m")
     for name in ("post", "east_m", "north_m"):
-        if name not in table.columns:
+        if name not in table.index_of:
             raise DataError(f"the column {name} is missing", path, 1)
-    names = tuple(name.strip() for name in table.columns["post"])
+    names = tuple(name.strip() for name in table.texts("post"))
     positions = np.column_stack([table.numbers("east_m"), table.numbers("north_m")])
     return TruthLandmarks(names, positions, complete=False)
 

@@ -3,20 +3,42 @@
 from __future__ import annotations
 
 import difflib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from .._yaml import YamlError, parse_yaml
 from ..errors import DataError
-from .native_odometry import ODOMETRY_COLUMNS
+from .columns import UNITS
+from .native_odometry import MODELS
 from .text import read_text
+from .wheels import Wheels, parse_wheels
 
 FORMAT_VERSION = 1
 CONFIG_KEYS = ("motion", "sensor", "association", "filter", "initial_pose")
-KEYS = ("format_version", "name", *CONFIG_KEYS, "truth_landmarks_complete")
+KEYS = ("format_version", "name", *CONFIG_KEYS, "wheels", "truth_landmarks_complete")
+SENSOR_MODELS = ("range_bearing",)
+LEAST_SENSOR = "{model: range_bearing, range_std_m: ..., bearing_std_rad: ...}"
 
 
-def read_settings(path: Path) -> dict[str, Any]:
+@dataclass(frozen=True)
+class LogSettings:
+    """What `log.yaml` says. `config` holds the sections that belong to the configuration of a run, in SI."""
+
+    config: dict[str, Any]
+    wheels: Wheels
+    name: str | None
+    truth_landmarks_complete: bool
+    notes: tuple[str, ...]
+
+    @property
+    def motion_model(self) -> str | None:
+        """The motion model, or None where the file leaves it to the columns of the odometry."""
+        model: str | None = self.config.get("motion", {}).get("model")
+        return model
+
+
+def read_settings(path: Path) -> LogSettings:
     """The settings, checked for unknown keys and for models that there are. Errors: DataError."""
     try:
         settings, line_of_key = parse_yaml(read_text(path))
@@ -32,16 +54,67 @@ def read_settings(path: Path) -> dict[str, Any]:
     version = settings.get("format_version")
     if version != FORMAT_VERSION:
         raise DataError(f"format_version: got {version}, expected {FORMAT_VERSION}", path)
-    _check_model(settings, "motion", tuple(ODOMETRY_COLUMNS), path)
-    _check_model(settings, "sensor", ("range_bearing",), path)
-    if not isinstance(settings.get("truth_landmarks_complete", True), bool):
+    if "sensor" not in settings:
+        raise DataError("sensor is missing: add sensor: " + LEAST_SENSOR, path)
+    _check_model(settings, "motion", MODELS, path)
+    _check_model(settings, "sensor", SENSOR_MODELS, path)
+    complete = settings.get("truth_landmarks_complete", True)
+    if not isinstance(complete, bool):
         raise DataError("truth_landmarks_complete: expected true or false", path)
-    return settings
+    config = {key: _in_si(settings[key], key, path, line_of_key) for key in CONFIG_KEYS if key in settings}
+    notes = _without_noise(config)
+    wheels = parse_wheels(settings.get("wheels", {}), path, line_of_key)
+    name = settings.get("name")
+    return LogSettings(config, wheels, None if name is None else str(name), complete, notes)
 
 
 def _check_model(settings: dict[str, Any], key: str, known: tuple[str, ...], path: Path) -> None:
-    section = settings.get(key)
+    """A section, where there is one, names a model that there is."""
+    if key not in settings:
+        return
+    section = settings[key]
     if not isinstance(section, dict):
         raise DataError(f"{key}: got {section}, expected a section with the key model", path)
     if section.get("model") not in known:
         raise DataError(f"{key}.model: got {section.get('model')}, expected {' or '.join(known)}", path)
+
+
+def _without_noise(config: dict[str, Any]) -> tuple[str, ...]:
+    """Says which noise is that of the defaults, since no log can do without."""
+    missing = [
+        key
+        for key in ("motion", "sensor")
+        if not any("std" in name or "alpha" in name for name in config.get(key, {}))
+    ]
+    return (
+        (f"log.yaml says nothing of the noise of {' and '.join(missing)}: defaults hold",) if missing else ()
+    )
+
+
+def _in_si(value: Any, name: str, path: Path, line_of_key: dict[str, int]) -> Any:
+    """The same settings with `bearing_std_deg` and the like as `bearing_std_rad`."""
+    if not isinstance(value, dict):
+        return value
+    converted: dict[str, Any] = {}
+    for key, item in value.items():
+        si_name, factor = _si_name(str(key))
+        line = line_of_key.get(f"{name}.{key}")
+        if si_name in converted or (si_name != key and si_name in value):
+            raise DataError(f"{name}.{key}: {si_name} is given too, remove one", path, line)
+        if factor == 1.0:
+            converted[key] = _in_si(item, f"{name}.{key}", path, line_of_key)
+            continue
+        if isinstance(item, bool) or not isinstance(item, (int, float)):
+            raise DataError(f"{name}.{key}: got {item}, expected a number", path, line)
+        converted[si_name] = factor * item
+    return converted
+
+
+def _si_name(key: str) -> tuple[str, float]:
+    """The name of a key with its unit in SI, and the factor to it; the key where it has no other unit."""
+    parts = key.split("_")
+    for length in range(min(4, len(parts) - 1), 0, -1):
+        unit, factor = UNITS.get("_".join(parts[-length:]), ("", 1.0))
+        if unit:
+            return ("_".join((*parts[:-length], unit)), factor) if factor != 1.0 else (key, 1.0)
+    return key, 1.0

@@ -2,56 +2,138 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import DataError
-from ..log import Floats, Problem, Sightings
+from ..log import Floats, Ints, Problem, Sightings
 from .clean import clean_sightings
-from .csv_table import CsvTable, check_columns, read_csv
+from .columns import Quantity, name_columns
+from .csv_table import CsvTable, read_csv
+from .native_odometry import STAMP
+from .planar import polar_covariance
 
-SIGHTING_COLUMNS = ("stamp_s", "range_m", "bearing_rad")
 COVARIANCE_COLUMNS = ("range_variance_m2", "range_bearing_covariance_m_rad", "bearing_variance_rad2")
-SIGHTING_OPTIONS = ("landmark_id", "class", "signature", *COVARIANCE_COLUMNS)
+POINT_COVARIANCE_COLUMNS = ("x_variance_m2", "xy_covariance_m2", "y_variance_m2")
+QUANTITIES = (
+    STAMP,
+    Quantity("range_m", ("r", "distance", "dist", "rho"), "m"),
+    Quantity("bearing_rad", ("angle", "azimuth", "bearing_angle", "phi", "theta"), "rad"),
+    Quantity("x_m", ("position_x", "pos_x", "rel_x"), "m"),
+    Quantity("y_m", ("position_y", "pos_y", "rel_y"), "m"),
+    Quantity(
+        "landmark_id",
+        ("id", "landmark", "tag", "tag_id", "marker", "marker_id", "beacon", "beacon_id", "fiducial_id"),
+        is_text=True,
+    ),
+    Quantity("class", ("color", "colour", "class_name", "category"), is_text=True),
+    Quantity("signature", ("diameter_m",)),
+    Quantity("range_variance_m2", (), "m2"),
+    Quantity("range_bearing_covariance_m_rad", (), "m_rad"),
+    Quantity("bearing_variance_rad2", (), "rad2"),
+    *(Quantity(name, (), "m2") for name in POINT_COVARIANCE_COLUMNS),
+)
+IGNORED = ("confidence", "score", "probability", "seq", "sequence", "frame_id", "frame", "z", "elevation")
+EXAMPLE = "stamp_s,range_m,bearing_rad,landmark_id"
 
 
-def read_sightings(
-    path: Path,
-) -> tuple[Sightings, tuple[str, ...], tuple[str, ...], tuple[Problem, ...]]:
-    """Sightings, identity names, class names, problems."""
-    table = read_csv(path)
-    check_columns(table, required=SIGHTING_COLUMNS, optional=SIGHTING_OPTIONS)
-    nobody = np.full(len(table.lines), -1, dtype=np.int64)
-    identity, identity_names = table.labels("landmark_id") if "landmark_id" in table.columns else (nobody, ())
-    class_index, class_names = table.labels("class") if "class" in table.columns else (nobody, ())
+@dataclass(frozen=True)
+class SightingsFile:
+    """What `sightings.csv` holds."""
+
+    sightings: Sightings
+    identity_names: tuple[str, ...] = ()
+    class_names: tuple[str, ...] = ()
+    problems: tuple[Problem, ...] = ()
+    notes: tuple[str, ...] = ()
+    dated: bool = False
+    """Whether the stamps are dates."""
+
+
+def read_sightings(path: Path) -> SightingsFile:
+    """The sightings, polar or Cartesian, in any of the dialects. Errors: DataError with file and line."""
+    table = name_columns(read_csv(path, example=EXAMPLE, allow_empty=True), QUANTITIES, ignored=IGNORED)
+    cartesian = _is_cartesian(table)
+    identity, identity_names = _labels(table, "landmark_id")
+    class_index, class_names = _labels(table, "class")
     signature: Floats = np.full(len(table.lines), np.nan)
-    if "signature" in table.columns:
+    if "signature" in table.index_of:
         signature = table.numbers("signature", empty=float("nan"))
+    range_m, bearing_rad = _polar(table) if cartesian else _given(table)
     raw = Sightings(
-        stamp_s=table.numbers("stamp_s"),
-        range_m=table.numbers("range_m"),
-        bearing_rad=table.numbers("bearing_rad"),
+        stamp_s=table.stamps("stamp_s"),
+        range_m=range_m,
+        bearing_rad=bearing_rad,
         identity=identity,
         class_index=class_index,
         signature=signature,
-        covariance=_covariance(table),
+        covariance=_point_covariance(table) if cartesian else _covariance(table, COVARIANCE_COLUMNS),
     )
     sightings, problems = clean_sightings(raw, path=path)
-    return sightings, identity_names, class_names, table.problems + problems
+    if not table.lines:
+        problems = (Problem(f"{path.name} holds no sighting: only the odometry is left"),)
+    return SightingsFile(
+        sightings,
+        identity_names,
+        class_names,
+        table.problems + problems,
+        table.notes,
+        dated=table.has_dates("stamp_s"),
+    )
 
 
-def _covariance(table: CsvTable) -> Floats | None:
+def _is_cartesian(table: CsvTable) -> bool:
+    """Whether sightings are given as x, y. Errors: DataError when neither form is complete."""
+    present = set(table.index_of)
+    if "stamp_s" in present and {"range_m", "bearing_rad"} <= present:
+        return False
+    if {"stamp_s", "x_m", "y_m"} <= present:
+        return True
+    wanted = ("stamp_s", "x_m", "y_m") if {"x_m", "y_m"} & present else ("stamp_s", "range_m", "bearing_rad")
+    missing = next(name for name in wanted if name not in present)
+    expected = "stamp_s,range_m,bearing_rad or stamp_s,x_m,y_m (in the sensor's frame)"
+    message = f"column {missing} is missing: got {','.join(table.index_of)}, expected {expected}"
+    raise DataError(message, table.path, table.header_line)
+
+
+def _labels(table: CsvTable, name: str) -> tuple[Ints, tuple[str, ...]]:
+    if name in table.index_of:
+        return table.labels(name)
+    return np.full(len(table.lines), -1, dtype=np.int64), ()
+
+
+def _given(table: CsvTable) -> tuple[Floats, Floats]:
+    return table.numbers("range_m"), table.numbers("bearing_rad")
+
+
+def _polar(table: CsvTable) -> tuple[Floats, Floats]:
+    x, y = table.numbers("x_m"), table.numbers("y_m")
+    return np.hypot(x, y), np.arctan2(y, x)
+
+
+def _point_covariance(table: CsvTable) -> Floats | None:
+    """Covariances of x and y, turned into those of range and bearing."""
+    covariance = _covariance(table, POINT_COVARIANCE_COLUMNS)
+    if covariance is None:
+        return None
+    return polar_covariance(table.numbers("x_m"), table.numbers("y_m"), covariance)
+
+
+def _covariance(table: CsvTable, names: tuple[str, ...]) -> Floats | None:
     """Covariances (S, 3), NaN for the sensor's own; None without the columns. All or none must be there."""
-    present = [name for name in COVARIANCE_COLUMNS if name in table.columns]
+    present = [name for name in names if name in table.index_of]
     if not present:
         return None
-    if len(present) < len(COVARIANCE_COLUMNS):
-        missing = ", ".join(sorted(set(COVARIANCE_COLUMNS) - set(present)))
+    if len(present) < len(names):
+        missing = ", ".join(sorted(set(names) - set(present)))
         raise DataError(
-            f"has {', '.join(present)} but not {missing}: expected all three or none", table.path, 1
+            f"has {', '.join(present)} but not {missing}: expected all three or none",
+            table.path,
+            table.header_line,
         )
-    values = np.column_stack([table.numbers(name, empty=float("nan")) for name in COVARIANCE_COLUMNS])
+    values = np.column_stack([table.numbers(name, empty=float("nan")) for name in names])
     given = ~np.isnan(values).all(axis=1)
     definite = (values[:, 0] > 0) & (values[:, 2] > 0) & (values[:, 0] * values[:, 2] > values[:, 1] ** 2)
     wrong = given & ~(definite & np.isfinite(values).all(axis=1))

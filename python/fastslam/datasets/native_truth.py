@@ -8,13 +8,20 @@ import numpy as np
 
 from ..errors import DataError
 from ..log import Floats, PositionFixes, Problem, TruthLandmarks, TruthTrajectory
-from .csv_table import CsvTable, check_columns, read_csv
+from .columns import Quantity, name_columns
+from .csv_table import CsvTable, read_csv
+from .native_odometry import STAMP
+from .planar import heading_of_quaternion
 from .text import line_of_row, read_table
 
+X, Y = Quantity("x_m", (), "m"), Quantity("y_m", (), "m")
+LANDMARKS = (Quantity("id", ("name", "landmark_id"), is_text=True), X, Y)
+FIXES = (STAMP, X, Y)
 
-def read_trajectory(path: Path) -> tuple[TruthTrajectory | None, tuple[Problem, ...]]:
+
+def read_trajectory(path: Path | None) -> tuple[TruthTrajectory | None, tuple[Problem, ...]]:
     """Rows of `stamp x y z qx qy qz qw`; a quaternion of four zeros says that no heading is known."""
-    if not path.is_file():
+    if path is None:
         return None, ()
     rows = read_table(path, 8)
     finite = np.isfinite(rows).all(axis=1)
@@ -26,25 +33,22 @@ def read_trajectory(path: Path) -> tuple[TruthTrajectory | None, tuple[Problem, 
     if late.any():
         row = int(np.flatnonzero(finite)[np.argmax(late) + 1])
         raise DataError("the stamp is not later than the one before", path, line_of_row(path, row))
-    qx, qy, qz, qw = rows[:, 4:].T
     unknown = np.all(rows[:, 4:] == 0, axis=1)
     if unknown.any() and not unknown.all():
         raise DataError(f"{unknown.sum()} of {len(rows)} quaternions are zero: expected none or all", path)
-    heading = np.arctan2(2 * (qw * qz + qx * qy), qw**2 + qx**2 - qy**2 - qz**2)
-    heading = np.where(unknown, np.nan, heading)
+    heading = np.where(unknown, np.nan, heading_of_quaternion(rows[:, 4:]))
     truth = TruthTrajectory(
         rows[:, 0], np.column_stack([rows[:, 1:3], heading]), heading_known=not unknown.any()
     )
     return truth, tuple(problem for problem in problems if problem.count)
 
 
-def read_landmarks(path: Path, *, complete: bool) -> TruthLandmarks | None:
+def read_landmarks(path: Path | None, *, complete: bool) -> TruthLandmarks | None:
     """The true landmarks, or None where there is no such file. Errors: DataError with file and line."""
-    if not path.is_file():
+    if path is None:
         return None
-    table = read_csv(path)
-    check_columns(table, required=("id", "x_m", "y_m"))
-    names = tuple(name.strip() for name in table.columns["id"])
+    table = _table(path, LANDMARKS)
+    names = tuple(name.strip() for name in table.texts("id"))
     seen: set[str] = set()
     for name, line in zip(names, table.lines, strict=True):
         if not name or name in seen:
@@ -53,13 +57,25 @@ def read_landmarks(path: Path, *, complete: bool) -> TruthLandmarks | None:
     return TruthLandmarks(names, _finite_positions(table), complete=complete)
 
 
-def read_fixes(path: Path) -> PositionFixes | None:
+def read_fixes(path: Path | None) -> PositionFixes | None:
     """The position fixes, or None where there is no such file. Errors: DataError with file and line."""
-    if not path.is_file():
+    if path is None:
         return None
-    table = read_csv(path)
-    check_columns(table, required=("stamp_s", "x_m", "y_m"))
-    return PositionFixes(_finite(table, "stamp_s"), _finite_positions(table))
+    table = _table(path, FIXES)
+    stamp_s = table.stamps("stamp_s")
+    _check_finite(table, "stamp_s", stamp_s)
+    return PositionFixes(stamp_s, _finite_positions(table))
+
+
+def _table(path: Path, known: tuple[Quantity, ...]) -> CsvTable:
+    """A table that has all the known columns."""
+    example = ",".join(quantity.name for quantity in known)
+    table = name_columns(read_csv(path, example=example), known, ignored=("z",))
+    missing = next((quantity.name for quantity in known if quantity.name not in table.index_of), None)
+    if missing is not None:
+        message = f"column {missing} is missing: got {','.join(table.index_of)}, expected {example}"
+        raise DataError(message, path, table.header_line)
+    return table
 
 
 def _finite_positions(table: CsvTable) -> Floats:
@@ -68,8 +84,12 @@ def _finite_positions(table: CsvTable) -> Floats:
 
 def _finite(table: CsvTable, name: str) -> Floats:
     values = table.numbers(name)
+    _check_finite(table, name, values)
+    return values
+
+
+def _check_finite(table: CsvTable, name: str, values: Floats) -> None:
     bad = ~np.isfinite(values)
     if bad.any():
         row = int(np.argmax(bad))
         raise DataError(f"{name}: got {values[row]}, expected a finite number", table.path, table.lines[row])
-    return values

@@ -40,3 +40,29 @@ def to_world(T_world_robot: Floats, point_in_robot: Floats) -> Floats:
     cos, sin = np.cos(T_world_robot[:, 2]), np.sin(T_world_robot[:, 2])
     x, y = point_in_robot[:, 0], point_in_robot[:, 1]
     return np.column_stack([T_world_robot[:, 0] + cos * x - sin * y, T_world_robot[:, 1] + sin * x + cos * y])
+
+
+def heading_of_quaternion(quaternion: Floats) -> Floats:
+    """Heading of orientations (qx, qy, qz, qw) of any length but zero. Shapes: (N, 4) gives (N,)."""
+    qx, qy, qz, qw = quaternion.T
+    heading: Floats = np.arctan2(2 * (qw * qz + qx * qy), qw**2 + qx**2 - qy**2 - qz**2)
+    return heading
+
+
+def polar_covariance(x: Floats, y: Floats, covariance: Floats) -> Floats:
+    """Covariance of range and bearing from that of x and y, to first order.
+
+    Shapes: (N,), (N,) and (N, 3) as (xx, xy, yy) give (N, 3) as (m², m·rad, rad²).
+    """
+    squared = x**2 + y**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        range_m = np.sqrt(squared)
+        rx, ry, bx, by = x / range_m, y / range_m, -y / squared, x / squared
+        xx, xy, yy = covariance.T
+        return np.column_stack(
+            [
+                rx * rx * xx + 2 * rx * ry * xy + ry * ry * yy,
+                rx * bx * xx + (rx * by + ry * bx) * xy + ry * by * yy,
+                bx * bx * xx + 2 * bx * by * xy + by * by * yy,
+            ]
+        )

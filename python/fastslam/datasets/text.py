@@ -12,6 +12,15 @@ import numpy as np
 from ..errors import DataError
 from ..log import Floats, Ints
 
+_GZIP = b"\x1f\x8b"
+# The mark of UTF-32 begins as that of UTF-16 does.
+_MARKS = (
+    (b"\xff\xfe\0\0", "utf-32"),
+    (b"\0\0\xfe\xff", "utf-32"),
+    (b"\xff\xfe", "utf-16"),
+    (b"\xfe\xff", "utf-16"),
+    (b"\xef\xbb\xbf", "utf-8-sig"),
+)
 CUT_OFF_HINT = " (the last line has no line end: the file seems cut off)"
 
 
@@ -32,23 +41,41 @@ def require_file(folder: Path, name: str) -> Path:
 
 
 def read_text(path: Path) -> str:
-    """The text of a UTF-8 file, plain or gzip-compressed (by its suffix), without a byte-order mark.
+    """The text of a file in UTF-8 or, where that shows, UTF-16; plain or gzip-compressed; without mark.
 
     Errors: DataError for a file that cannot be opened, is cut off or is not text.
     """
+    data = read_bytes(path)
+    encoding = next((name for mark, name in _MARKS if data.startswith(mark)), "utf-8")
+    if encoding == "utf-8" and b"\0" in data[:2]:
+        encoding = "utf-16-be" if data[:1] == b"\0" else "utf-16-le"
+    try:
+        return data.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise DataError(f"is not {encoding[:6].upper().rstrip('-')} text", path, line) from error
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a file, unpacked where it is gzip-compressed, whatever its name. Errors: DataError."""
     try:
         data = path.read_bytes()
-        if path.suffix == ".gz":
-            data = gzip.decompress(data)
+        return gzip.decompress(data) if data.startswith(_GZIP) or path.suffix == ".gz" else data
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise DataError(f"the gzip file is damaged or cut off ({error})", path) from error
     except OSError as error:
         raise DataError(f"cannot be read ({error.strerror})", path) from error
+
+
+def first_line(path: Path) -> bytes:
+    """The first 200 bytes at most of a file's first line, unpacked; empty where it cannot be read."""
     try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise DataError("is not UTF-8 text", path, line) from error
+        with path.open("rb") as file:
+            packed = file.read(2) == _GZIP
+        with gzip.open(path) if packed else path.open("rb") as file:
+            return file.readline(200)
+    except (OSError, EOFError, zlib.error):
+        return b""
 
 
 def read_table(path: Path, columns: int, *, delimiter: str | None = None, header_lines: int = 0) -> Floats:

@@ -1,0 +1,101 @@
+"""The logs that people have: each is read, or refused with one line that says what to change."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_runner import fastslam
+from fastslam import run
+from fastslam.datasets import load
+from fastslam.errors import DataError
+from fastslam.evaluation import evaluate
+
+# What a folder of 37-csv-dialects must lead to: a pattern of the refusal, or None where it is read.
+DIALECTS: dict[str, str | None] = {
+    "bom": None,
+    "cartesian": None,
+    "color-column": None,
+    "comments-top": None,
+    "crlf": None,
+    "decimal-comma": None,
+    "extra-column": None,
+    "header-deg": None,
+    "header-names": None,
+    "header-stamp-ms": None,
+    "header-time": None,
+    "header-units-brackets": None,
+    "header-upper": None,
+    "id-minus-one": None,
+    "index-column": None,
+    "no-header": r"sightings\.csv:1: .*put stamp_s,range_m,bearing_rad,landmark_id above them",
+    "no-sightings-file": r"the file sightings\.csv .* is missing: write one, with the header",
+    "odo-quaternion": r"odometry\.csv:1: .*fits motion\.model odometry or increments, but log\.yaml says",
+    "odo-ticks": r"odometry\.csv:2: ticks need wheels\.m_per_tick, or .*: add to log\.yaml",
+    "odo-twist": None,
+    "odo-twist2": None,
+    "odo-wheels": r"odometry\.csv:1: .*need wheels\.track_width_m: add it to log\.yaml",
+    "semicolon": None,
+    "space": None,
+    "stamp-iso": r"sightings\.csv has dates and odometry\.csv other seconds: give the stamps of both",
+    "tab": None,
+    "utf16": None,
+    "yaml-missing-motion": None,
+    "yaml-no-noise": None,
+    "yaml-units": None,
+}
+SIGHTINGS = 439
+FACTORS = {"header-deg": ("bearing_rad", np.pi / 180), "header-stamp-ms": ("stamp_s", 1e-3)}
+
+
+def test_every_dialect_is_read_or_refused(cases: Path) -> None:
+    """All tables say the same; two claim another unit in their header, which is then believed."""
+    folder = cases / "37-csv-dialects"
+    assert sorted(path.name for path in folder.iterdir()) == sorted(DIALECTS)
+    plain = load(folder / "crlf")
+    assert len(plain.sightings.stamp_s) == SIGHTINGS
+    for name, pattern in DIALECTS.items():
+        if pattern is not None:
+            with pytest.raises(DataError) as caught:
+                load(folder / name)
+            assert re.search(pattern, str(caught.value)), (name, str(caught.value))
+            fastslam("info", folder / name).assert_one_line_error(exit_code=1, contains=str(caught.value))
+            continue
+        log = load(folder / name)
+        quantity, factor = FACTORS.get(name, ("range_m", 1.0))
+        expected = getattr(plain.sightings, quantity) * factor
+        np.testing.assert_allclose(getattr(log.sightings, quantity), expected, rtol=1e-12, err_msg=name)
+        np.testing.assert_array_equal(log.controls.values, plain.controls.values, err_msg=name)
+        assert log.problems == (), (name, log.problems)
+
+
+def test_dialects_that_carry_more_or_other_columns(cases: Path) -> None:
+    folder = cases / "37-csv-dialects"
+    assert load(folder / "color-column").class_names == ("blue",)
+    assert load(folder / "extra-column").notes == ("sightings.csv: column confidence is not used",)
+    assert load(folder / "yaml-missing-motion").config["motion"] == {"model": "velocity"}
+    assert load(folder / "yaml-units").config["sensor"]["bearing_std_rad"] == pytest.approx(np.pi / 180)
+
+
+def test_a_log_without_sightings_is_dead_reckoning_and_says_so(cases: Path) -> None:
+    log = load(cases / "14-no-sightings")
+    assert [problem.message for problem in log.problems] == [
+        "sightings.csv holds no sighting: only the odometry is left"
+    ]
+    result = run(log, {"filter": {"particles": 5}})
+    assert len(result.landmarks.ids) == 0
+    assert result.trajectory.stamp_s[-1] == pytest.approx(log.controls.stamp_s[-1])
+
+
+@pytest.mark.parametrize(
+    ("case", "landmarks", "rmse_m"), [("01-mrpt-kf-slam-demo", 70, 0.01), ("02-mrpt909-behind", 47, 0.1)]
+)
+def test_sound_logs_give_their_map(cases: Path, case: str, landmarks: int, rmse_m: float) -> None:
+    log = load(cases / case)
+    assert log.problems == () and log.notes == ()
+    result = run(log, {"association": {"mode": "unknown"}})
+    assert len(result.landmarks.ids) == landmarks
+    metrics = evaluate(result, log)
+    assert metrics["landmark_rmse_m"] < rmse_m
