@@ -99,3 +99,35 @@ def test_sound_logs_give_their_map(cases: Path, case: str, landmarks: int, rmse_
     assert len(result.landmarks.ids) == landmarks
     metrics = evaluate(result, log)
     assert metrics["landmark_rmse_m"] < rmse_m
+
+
+FOREIGN = {
+    # file: (format, sightings, landmarks), or a pattern of the refusal
+    "example.graph": ("toro", 422, 24),
+    "victoria_park_isam_first400.txt": ("toro", 163, 24),
+    "toyExample.g2o": r":1: VERTEX_SE3:QUAT is of a graph in space, .*\(g2o file; see docs/formats\.md\)$",
+    "vp_tung.g2o": r":1: VERTEX_XY: got 5 columns, expected 4 \(g2o file; see docs/formats\.md\)$",
+    "kf-slam_demo.rawlog": r"is an MRPT rawlog, which is not read; .*docs/formats\.md says how to convert",
+}
+
+
+def test_files_of_other_programs_are_read_or_refused_in_a_line(cases: Path) -> None:
+    folder = cases / "00-foreign-files"
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FOREIGN)
+    for name, expected in FOREIGN.items():
+        if isinstance(expected, tuple):
+            log = load(folder / name)
+            assert (log.format, len(log.sightings.stamp_s), len(log.identity_names)) == expected
+            assert log.controls.covariance is not None and log.sightings.covariance is not None
+            continue
+        with pytest.raises(DataError) as caught:
+            load(folder / name)
+        assert re.search(expected, str(caught.value)), str(caught.value)
+        fastslam("info", folder / name).assert_one_line_error(exit_code=1, contains=str(caught.value))
+
+
+def test_mrclam_as_courses_hand_it_out(cases: Path) -> None:
+    """The swap of data set 1 is put right though no folder is called so."""
+    log = load(cases / "38-mrclam-ds1-prefix")
+    assert (log.format, len(log.controls.stamp_s), len(log.sightings.stamp_s)) == ("utias", 2996, 574)
+    assert any(problem.message.startswith("barcodes of subjects 11 and 17") for problem in log.problems)

@@ -231,6 +231,6 @@ def test_real_log_survives_the_way_through_the_native_format(
 
 def test_folder_of_a_collection_names_the_logs_in_it(data_dir: Path) -> None:
     with pytest.raises(
-        Exception, match=r"did you mean MRCLAM_Dataset1, MRCLAM_Dataset2, MRCLAM_Dataset6 in it"
+        Exception, match=r"holds 3 logs, name one: MRCLAM_Dataset1, MRCLAM_Dataset2, MRCLAM_Dataset6"
     ):
         load(data_dir / "utias_mrclam")

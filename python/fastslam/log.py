@@ -23,11 +23,16 @@ class Controls:
     `increments` row i is (dx_m, dy_m, dheading_rad), the pose at `stamp_s[i]` in the frame of the pose at
     `stamp_s[i - 1]` (the first row: in the frame of the start).
 
+    `covariance` (N, 6) is that of each row of `odometry` and `increments`, as the upper triangle (xx, xy, xh,
+    yy, yh, hh) in m², m·rad and rad² in the frame of `values`, where the source knows it; None or NaN leaves
+    it to the motion settings.
+
     Shapes: `stamp_s` (N,) strictly increasing; `values` (N, 2) or (N, 3).
     """
 
     stamp_s: Floats
     values: Floats
+    covariance: Floats | None = None
 
 
 @dataclass(frozen=True)

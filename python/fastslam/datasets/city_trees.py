@@ -37,15 +37,10 @@ class Graph:
 
 
 def matches(path: Path) -> bool:
-    """A folder with `cityTrees10000.txt`, or a text file whose first line is an EDGE2 or LANDMARK row."""
+    """The file `cityTrees10000.txt` or its folder; any other file of such rows is for `toro`."""
     if path.is_dir():
         return find_file(path, FILE) is not None
-    try:
-        with path.open("rb") as file:
-            first = file.readline(200).split()
-    except OSError:
-        return False
-    return len(first) > 0 and first[0] in (b"EDGE2", b"LANDMARK")
+    return path.name in (FILE, f"{FILE}.gz") and path.is_file()
 
 
 def load(path: Path, options: LoadOptions) -> Log:

@@ -16,7 +16,7 @@ from ..errors import DataError
 from ..log import Floats, Log, Sightings, TruthLandmarks
 from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
-from .text import find_file, is_number, read_table, read_text, whole_numbers
+from .text import find_file, first_words, is_number, read_table, read_text, whole_numbers
 
 FILE = "sensor_data.dat"
 WORLD = "world.dat"
@@ -25,14 +25,8 @@ WORLD = "world.dat"
 def matches(path: Path) -> bool:
     """A folder with `sensor_data.dat`, or a text file whose first row is ODOMETRY with three numbers."""
     file = path if path.is_file() else find_file(path, FILE)
-    if file is None or file.suffix == ".gz":
-        return False
-    try:
-        with file.open("rb") as opened:
-            first = opened.readline(200).split()
-    except OSError:
-        return False
-    return len(first) == 4 and first[0] == b"ODOMETRY"
+    words = [] if file is None else first_words(file)
+    return len(words) == 4 and words[0] == "ODOMETRY"
 
 
 def load(path: Path, options: LoadOptions) -> Log:

@@ -9,8 +9,22 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..log import Log
-from . import car_park, city_trees, freiburg, lost_in_the_woods, native, utias, victoria_park, victoria_scans
+from . import (
+    car_park,
+    city_trees,
+    freiburg,
+    g2o,
+    lost_in_the_woods,
+    native,
+    pyfg,
+    toro,
+    utias,
+    victoria_park,
+    victoria_scans,
+)
+from .graph_rows import PAGE
 from .options import LoadOptions
+from .text import children
 
 
 @dataclass(frozen=True)
@@ -83,8 +97,36 @@ FORMATS: dict[str, DatasetFormat] = {
             freiburg.matches,
             freiburg.load,
         ),
+        DatasetFormat("g2o", "g2o file of a graph with landmarks in the plane", g2o.matches, g2o.load),
+        DatasetFormat(
+            "toro", "TORO, iSAM or GTSAM text: EDGE2 or ODOMETRY, LANDMARK or BR", toro.matches, toro.load
+        ),
+        DatasetFormat(
+            "pyfg",
+            "PyFG file, one robot of several, with landmarks in the plane",
+            pyfg.matches,
+            pyfg.load,
+            frozenset({"robot"}),
+        ),
     )
 }
+
+
+FOREIGN = {
+    ".rawlog": "an MRPT rawlog",
+    ".bag": "a ROS bag",
+    ".db3": "a ROS 2 bag",
+    ".mcap": "an MCAP recording",
+    ".mat": "a MATLAB file of unknown content",
+    ".json": "a JSON file",
+    ".pcap": "a packet capture",
+}
+"""Files that people try, by suffix."""
+DEEPEST = 3
+"""How many folders deep a log is looked for."""
+MOST_FILES = 500
+"""How many entries of a folder are looked at."""
+MOST_SHOWN = 10
 
 
 def load(
@@ -98,12 +140,13 @@ def load(
     """Read a log; the format is guessed from the contents of `path` unless `format` names one of FORMATS.
 
     `robot`, `run` and `max_range_m` are those of `LoadOptions`. Errors: DataError when the path does not
-    exist, no format fits, the format does not know an option, or a file is at fault.
+    exist, no format fits, the format does not know an option, or a file is at fault. A folder that is no log
+    and holds exactly one below it stands for that one.
     """
     path = Path(path)
     if not path.exists():
         raise DataError("does not exist", path)
-    chosen = _guess(path) if format is None else _by_name(format, path)
+    chosen, path = _guess(path) if format is None else (_by_name(format, path), path)
     options = LoadOptions(robot=robot, run=run, max_range_m=max_range_m)
     for option in options.given():
         if option not in chosen.options:
@@ -120,24 +163,41 @@ def _by_name(name: str, path: Path) -> DatasetFormat:
     raise DataError(f"unknown format {name}{hint}; known: {', '.join(FORMATS)}", path)
 
 
-def _guess(path: Path) -> DatasetFormat:
-    matching = [entry for entry in FORMATS.values() if entry.matches(path)]
+def _guess(path: Path) -> tuple[DatasetFormat, Path]:
+    """The format, and the path of the log: that of the only one below a folder that is none itself."""
+    matching = formats_of(path)
     if len(matching) == 1:
-        return matching[0]
+        return matching[0], path
     if matching:
         names = ", ".join(entry.name for entry in matching)
         raise DataError(f"fits several formats ({names}): name one", path)
-    known = "; ".join(f"{entry.name}: {entry.description}" for entry in FORMATS.values())
-    raise DataError(f"is no log of a known format{_inner_hint(path)}; known are {known}", path)
+    inner = logs_in(path)
+    if len(inner) == 1:
+        return _guess(inner[0])
+    if inner:
+        shown = ", ".join(str(log.relative_to(path)) for log in inner[:MOST_SHOWN])
+        more = f" and {len(inner) - MOST_SHOWN} more" if len(inner) > MOST_SHOWN else ""
+        raise DataError(f"holds {len(inner)} logs, name one: {shown}{more}", path)
+    foreign = next((what for suffix, what in FOREIGN.items() if suffix in path.suffixes), None)
+    message = "is no log of a known format" if foreign is None else f"is {foreign}, which is not read"
+    raise DataError(f"{message}; read are {', '.join(FORMATS)}; {PAGE} says how to convert others", path)
 
 
-def _inner_hint(path: Path) -> str:
-    """Names the logs one level below, since giving the folder of a collection is the usual slip."""
-    if not path.is_dir():
-        return ""
-    inner = sorted(
-        child.name
-        for child in path.iterdir()
-        if child.is_dir() and any(entry.matches(child) for entry in FORMATS.values())
-    )
-    return f" (did you mean {', '.join(inner)} in it?)" if inner else ""
+def formats_of(path: Path) -> list[DatasetFormat]:
+    """The formats that a path fits."""
+    return [entry for entry in FORMATS.values() if entry.matches(path)]
+
+
+def logs_in(folder: Path, *, depth: int = DEEPEST) -> list[Path]:
+    """Logs below a folder that is none itself, as unpacking makes them; not those within a log."""
+    if not folder.is_dir():
+        return []
+    found: list[Path] = []
+    for child in children(folder)[:MOST_FILES]:
+        if child.name.startswith((".", "__MACOSX")):
+            continue
+        if formats_of(child):
+            found.append(child)
+        elif depth > 1:
+            found += logs_in(child, depth=depth - 1)
+    return found

@@ -21,6 +21,7 @@ _MARKS = (
     (b"\xfe\xff", "utf-16"),
     (b"\xef\xbb\xbf", "utf-8-sig"),
 )
+_HEAD_BYTES = 4096
 CUT_OFF_HINT = " (the last line has no line end: the file seems cut off)"
 
 
@@ -30,6 +31,14 @@ def find_file(folder: Path, name: str) -> Path | None:
         if candidate.is_file():
             return candidate
     return None
+
+
+def children(folder: Path) -> list[Path]:
+    """What is in a folder, in order; nothing where it cannot be read."""
+    try:
+        return sorted(folder.iterdir())
+    except OSError:
+        return []
 
 
 def require_file(folder: Path, name: str) -> Path:
@@ -67,15 +76,20 @@ def read_bytes(path: Path) -> bytes:
         raise DataError(f"cannot be read ({error.strerror})", path) from error
 
 
-def first_line(path: Path) -> bytes:
-    """The first 200 bytes at most of a file's first line, unpacked; empty where it cannot be read."""
+def first_words(path: Path) -> list[str]:
+    """Words of the first line of a text file that is neither blank nor a comment, unpacked; empty for others.
+
+    It looks at the beginning only, and raises nothing.
+    """
     try:
-        with path.open("rb") as file:
-            packed = file.read(2) == _GZIP
+        with path.open("rb") as opened:
+            packed = opened.read(2) == _GZIP
         with gzip.open(path) if packed else path.open("rb") as file:
-            return file.readline(200)
+            head = file.read(_HEAD_BYTES).decode("ascii", errors="replace")
     except (OSError, EOFError, zlib.error):
-        return b""
+        return []
+    lines = (line for line in head.splitlines() if line.strip() and not line.startswith("#"))
+    return next(lines, "").split()
 
 
 def read_table(path: Path, columns: int, *, delimiter: str | None = None, header_lines: int = 0) -> Floats:

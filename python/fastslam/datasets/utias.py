@@ -2,10 +2,11 @@
 
 Times are Unix seconds. Quirks handled: measurements carry barcodes, mapped through the data set's own
 table; readings of other robots and of barcodes in no table are dropped; odometry rows that repeat a stamp
-are dropped. In data set 1 (told by the folder's name, `...Dataset1`) the table swaps the barcodes of
-subjects 11 and 17: the data of all five robots says 11 -> 61 and 17 -> 18. Truth is the motion-capture path
-where the file is there, else the averages per second that third parties made for data set 1 (the mean over
-half a second to either side of its stamp): positions only, since their headings are wrong where they wrap.
+are dropped. In data set 1 (told by its table, its time or the name of its folder) the table swaps the
+barcodes of subjects 11 and 17: the data of all five robots says 11 -> 61 and 17 -> 18. Truth is the
+motion-capture path where the file is there, else the averages per second that third parties made for data
+set 1 (the mean over half a second to either side of its stamp): positions only, since their headings are
+wrong where they wrap.
 
 The noise was measured on data set 6: odometry error grows like white noise of about 0.011 m/s and 0.035
 rad/s held for a second; ranges spread by 0.08-0.18 m, bearings by 0.01 rad with heavy tails. The settings are
@@ -22,15 +23,20 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import DataError
 from ..log import Floats, Ints, Log, Problem, Sightings, TruthLandmarks, TruthTrajectory
 from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
 from .planar import wrap_to_pi
-from .text import find_file, read_table, require_file, whole_numbers
+from .text import find_file, read_table, whole_numbers
+from .utias_files import RobotFiles, files_of_robot, holds_data_set
 
-ROBOTS = range(1, 6)
 AVERAGES = "third_party_groundtruth_1hz"
+FIRST_SET_SPAN_S = (1248272263.0, 1248273770.0)
+"""Unix time of the recording of data set 1, on 22 July 2009."""
+FIRST_SET_BARCODES = dict(
+    enumerate((5, 14, 41, 32, 23, 72, 27, 54, 70, 36, 18, 25, 9, 81, 16, 90, 61, 45, 7, 63), start=1)
+)
+"""The table of data set 1 as published."""
 FIELD_OF_VIEW_RAD = 1.2
 """All bearings lie within +-0.592 rad."""
 MAX_RANGE_M = 10.0
@@ -59,30 +65,24 @@ sighted."""
 
 
 def matches(path: Path) -> bool:
-    """A folder with `Barcodes.dat` and the odometry of at least one robot."""
-    return path.is_dir() and find_file(path, "Barcodes.dat") is not None and len(_robots(path)) > 0
+    """A folder with the odometry of a robot beside barcodes or measurements, or such an odometry file."""
+    return holds_data_set(path)
 
 
 def load(path: Path, options: LoadOptions) -> Log:
     """Read one robot (1 unless given). Errors: DataError for a robot that is not there or a faulty file."""
-    robot = 1 if options.robot is None else options.robot
-    if robot not in _robots(path):
-        there = ", ".join(str(number) for number in _robots(path)) or "none"
-        raise DataError(f"has no robot {robot}; robots there: {there}", path)
-    landmark_file = require_file(path, "Landmark_Groundtruth.dat")
-    landmarks = read_table(landmark_file, 5)
-    subjects = whole_numbers(landmark_file, landmarks[:, 0]).tolist()
-    odometry_file = require_file(path, f"Robot{robot}_Odometry.dat")
-    measurement_file = require_file(path, f"Robot{robot}_Measurement.dat")
-    odometry = read_table(odometry_file, 3)
-    controls, control_problems = clean_controls(odometry[:, 0], odometry[:, 1:], path=odometry_file)
-    subject_of_barcode, table_problems = _barcodes(path)
-    raw, drop_problems = _sightings(read_table(measurement_file, 4), subject_of_barcode, subjects)
-    sightings, sighting_problems = clean_sightings(raw, path=measurement_file)
-    truth = _truth_trajectory(path, robot)
+    files = files_of_robot(path, options.robot)
+    landmarks = read_table(files.landmarks, 5)
+    subjects = whole_numbers(files.landmarks, landmarks[:, 0]).tolist()
+    odometry = read_table(files.odometry, 3)
+    controls, control_problems = clean_controls(odometry[:, 0], odometry[:, 1:], path=files.odometry)
+    subject_of_barcode, table_problems = _barcodes(files, float(controls.stamp_s[0]))
+    raw, drop_problems = _sightings(read_table(files.measurement, 4), subject_of_barcode, subjects)
+    sightings, sighting_problems = clean_sightings(raw, path=files.measurement)
+    truth = _truth_trajectory(files)
     names = tuple(str(subject) for subject in subjects)
     return Log(
-        name=f"{path.resolve().name}_robot{robot}",
+        name=_name(path, files),
         source=str(path),
         format="utias",
         controls=controls,
@@ -95,21 +95,35 @@ def load(path: Path, options: LoadOptions) -> Log:
     )
 
 
-def _robots(path: Path) -> tuple[int, ...]:
-    return tuple(number for number in ROBOTS if find_file(path, f"Robot{number}_Odometry.dat") is not None)
+def _name(path: Path, files: RobotFiles) -> str:
+    """The folder's name with the robot's number, or the name of the file that was named."""
+    if path.is_file():
+        return path.name.split(".")[0]
+    folder = path.resolve().name
+    return folder if files.number is None else f"{folder}_robot{files.number}"
 
 
-def _barcodes(path: Path) -> tuple[dict[float, int], tuple[Problem, ...]]:
-    file = require_file(path, "Barcodes.dat")
+def _barcodes(files: RobotFiles, start_s: float) -> tuple[dict[float, int], tuple[Problem, ...]]:
+    file = files.barcodes
     subjects, barcodes = (whole_numbers(file, column) for column in read_table(file, 2).T)
     barcode_of_subject = dict(zip(subjects.tolist(), barcodes.tolist(), strict=True))
-    is_first_set = re.search(r"dataset_?1$", path.resolve().name, re.IGNORECASE) is not None
     problems: tuple[Problem, ...] = ()
-    if is_first_set and (barcode_of_subject.get(11), barcode_of_subject.get(17)) == (18, 61):
+    if _is_first_set(file, barcode_of_subject, start_s) and (
+        barcode_of_subject.get(11),
+        barcode_of_subject.get(17),
+    ) == (18, 61):
         barcode_of_subject[11], barcode_of_subject[17] = 61, 18
         message = "barcodes of subjects 11 and 17, swapped in the table of data set 1: put right"
         problems = (Problem(message, 2),)
     return {float(barcode): subject for subject, barcode in barcode_of_subject.items()}, problems
+
+
+def _is_first_set(file: Path, barcode_of_subject: dict[int, int], start_s: float) -> bool:
+    """Data set 1 by its table, by the time of its recording, or by the name of the folder."""
+    by_table = barcode_of_subject == FIRST_SET_BARCODES
+    by_time = FIRST_SET_SPAN_S[0] <= start_s <= FIRST_SET_SPAN_S[1]
+    by_name = re.search(r"dataset_?1$", file.resolve().parent.name, re.IGNORECASE) is not None
+    return by_table or by_time or by_name
 
 
 def _sightings(
@@ -137,13 +151,12 @@ def _sightings(
     return sightings, tuple(problem for problem in problems if problem.count)
 
 
-def _truth_trajectory(path: Path, robot: int) -> TruthTrajectory | None:
-    file = find_file(path, f"Robot{robot}_Groundtruth.dat")
-    if file is not None:
-        rows = read_table(file, 4)
+def _truth_trajectory(files: RobotFiles) -> TruthTrajectory | None:
+    if files.truth is not None:
+        rows = read_table(files.truth, 4)
         rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
         return TruthTrajectory(rows[:, 0], rows[:, 1:])
-    averages = find_file(path / AVERAGES, f"Cleaned_Robot{robot}_Groundtruth.csv")
+    averages = find_file(files.barcodes.parent / AVERAGES, f"Cleaned_Robot{files.number}_Groundtruth.csv")
     if averages is None:
         return None
     rows = read_table(averages, 4, delimiter=",", header_lines=1)
