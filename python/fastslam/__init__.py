@@ -2,6 +2,7 @@
 
 from ._core import __version__
 from .config import Config
+from .conversion import convert
 from .datasets import load
 from .errors import FastSlamError
 from .filter import FastSlam, StepInfo
@@ -17,6 +18,7 @@ __all__ = [
     "RunResult",
     "StepInfo",
     "__version__",
+    "convert",
     "load",
     "run",
     "run_many",

@@ -9,6 +9,7 @@ import typer
 from .. import __version__
 from .calibrate import calibrate_sensor
 from .config import app as config_app
+from .convert import convert_log
 from .datasets import app as datasets_app
 from .demo import demo
 from .detect import detect_landmarks
@@ -36,6 +37,7 @@ app.command("eval")(evaluate_results)
 app.command("detect")(detect_landmarks)
 app.command("calibrate")(calibrate_sensor)
 app.command("info")(info)
+app.command("convert")(convert_log)
 app.command("sweep")(sweep)
 app.command("reproduce")(reproduce_figure)
 app.add_typer(config_app, name="config")

@@ -185,7 +185,8 @@ def _sightings(file: GraphFile, path: GraphPath) -> tuple[Sightings, tuple[str, 
         *_unused(bearings - paired, "bearings without range"),
         *_unused(ranges - paired, "ranges without bearing"),
     )
-    return sightings, tuple(order), dropped
+    label_of = {row.names[0]: row.label for row in file.of_kind(Kind.LANDMARK) if row.label}
+    return sightings, tuple(label_of.get(name, name) for name in order), dropped
 
 
 def _paired(file: GraphFile) -> list[Row]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 
@@ -14,6 +14,8 @@ from .text import CUT_OFF_HINT, is_number, read_text
 PAGE = "docs/formats.md"
 STAMP_COMMENT = "# stamp_s "
 """Begins a comment with the stamp of the pose in the next row, which these formats have no place for."""
+NAME_COMMENT = "# landmark_id "
+"""The same with the name of a landmark, where it has more than a number."""
 
 
 class Kind(Enum):
@@ -52,6 +54,8 @@ class Row:
     values: tuple[float, ...]
     noise: tuple[float, ...]
     stamp_s: float = math.nan
+    label: str = ""
+    """The name of a landmark in words."""
 
 
 IN_SPACE: tuple[str, ...] = (
@@ -75,12 +79,14 @@ def read_rows(path: Path, shapes: Mapping[str, Shape], *, format: str, stamped: 
     rows: list[Row] = []
     text = read_text(path)
     lines = text.splitlines()
-    stamp_s = math.nan
+    stamp_s, label = math.nan, ""
     for number, line in enumerate(lines, start=1):
         fields = line.split()
         if not fields or line.startswith("#"):
             if line.startswith(STAMP_COMMENT) and is_number(line[len(STAMP_COMMENT) :]):
                 stamp_s = float(line[len(STAMP_COMMENT) :])
+            if line.startswith(NAME_COMMENT):
+                label = line[len(NAME_COMMENT) :].strip()
             continue
         shape = shapes.get(fields[0])
         if shape is None:
@@ -88,11 +94,12 @@ def read_rows(path: Path, shapes: Mapping[str, Shape], *, format: str, stamped: 
         if shape.kind is Kind.IGNORED:
             continue
         try:
-            rows.append(_row(fields, number, shape, stamped, stamp_s))
+            row = _row(fields, number, shape, stamped, stamp_s)
+            rows.append(replace(row, label=label) if label else row)
         except ValueError as error:
             hint = CUT_OFF_HINT if number == len(lines) and not text.endswith("\n") else ""
             raise unusable(path, format, f"{fields[0]}: {error}{hint}", number) from None
-        stamp_s = math.nan
+        stamp_s, label = math.nan, ""
     return rows
 
 

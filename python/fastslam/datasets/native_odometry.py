@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from ..log import Controls, Floats, Problem
 from .clean import clean_controls
 from .columns import Quantity, name_columns
 from .csv_table import CsvTable, read_csv
+from .graph_noise import from_covariance, wrong_row
 from .planar import heading_of_quaternion, increments_between
 from .wheels import Wheels, arcs_of_ticks, held_twists, increments_of_arcs, twist_of_wheels
 
@@ -43,6 +45,15 @@ def _sides(patterns: Sequence[str], side: str) -> tuple[str, ...]:
     return tuple(pattern.format(name) for pattern in patterns for name in (side, side[0]) if pattern != name)
 
 
+MOTION_COVARIANCE = (
+    Quantity("x_variance_m2", (), "m2"),
+    Quantity("xy_covariance_m2", (), "m2"),
+    Quantity("x_heading_covariance_m_rad", (), "m_rad"),
+    Quantity("y_variance_m2", (), "m2"),
+    Quantity("y_heading_covariance_m_rad", (), "m_rad"),
+    Quantity("heading_variance_rad2", (), "rad2"),
+)
+MOTION_COVARIANCE_COLUMNS = tuple(quantity.name for quantity in MOTION_COVARIANCE)
 QUANTITIES = (
     STAMP,
     Quantity(
@@ -70,6 +81,7 @@ QUANTITIES = (
     Quantity("dx_m", ("delta_x",), "m"),
     Quantity("dy_m", ("delta_y",), "m"),
     Quantity("dheading_rad", ("dtheta", "dyaw", "delta_heading", "delta_theta", "delta_yaw"), "rad"),
+    *MOTION_COVARIANCE,
     Quantity("x_m", ("position_x", "pos_x"), "m"),
     Quantity("y_m", ("position_y", "pos_y"), "m"),
     Quantity("heading_rad", ("yaw", "theta", "orientation"), "rad"),
@@ -128,7 +140,8 @@ def read_odometry(path: Path, *, model: str | None, wheels: Wheels) -> Odometry:
     if model is None:
         model = _only_model(form, table)
         notes = (*notes, f"log.yaml names no motion model: {model} by the columns of {path.name}")
-    unused = [table.written_as[name] for name in table.index_of if name not in ("stamp_s", *form.columns)]
+    used = ("stamp_s", *form.columns, *(MOTION_COVARIANCE_COLUMNS if form.columns == _STEP else ()))
+    unused = [table.written_as[name] for name in table.index_of if name not in used]
     notes = (*notes, *(f"{path.name}: column {name} is not used" for name in unused))
     controls, problems = form.read(table, wheels, model)
     return Odometry(controls, model, table.problems + problems, notes, dated=table.has_dates("stamp_s"))
@@ -175,6 +188,37 @@ def _plain(*names: str) -> Callable[[CsvTable, Wheels, str], tuple[Controls, tup
         return clean_controls(table.stamps("stamp_s"), _values(table, names), path=table.path)
 
     return read
+
+
+def _read_steps(table: CsvTable, wheels: Wheels, model: str) -> tuple[Controls, tuple[Problem, ...]]:
+    """Displacements, with a covariance for each row where the columns are there."""
+    covariance = _covariance(table)
+    rows = np.arange(len(table.lines), dtype=np.float64)
+    values = np.column_stack([_values(table, _STEP), rows])
+    controls, problems = clean_controls(table.stamps("stamp_s"), values, path=table.path)
+    if covariance is not None:
+        covariance = covariance[controls.values[:, 3].astype(np.int64)]
+    return Controls(controls.stamp_s, controls.values[:, :3].copy(), covariance=covariance), problems
+
+
+def _covariance(table: CsvTable) -> Floats | None:
+    """Upper triangles (N, 6), NaN where a row has none; None without the columns, all of which must be."""
+    present = [name for name in MOTION_COVARIANCE_COLUMNS if name in table.index_of]
+    if not present:
+        return None
+    missing = [name for name in MOTION_COVARIANCE_COLUMNS if name not in present]
+    if missing:
+        message = f"has {present[0]} but not {missing[0]}: expected all six or none"
+        raise DataError(message, table.path, table.header_line)
+    values = np.column_stack([table.numbers(name, empty=math.nan) for name in MOTION_COVARIANCE_COLUMNS])
+    some = np.isnan(values).any(axis=1) & ~np.isnan(values).all(axis=1)
+    wrong = int(np.argmax(some)) if some.any() else wrong_row(from_covariance(values))
+    if wrong is not None:
+        message = (
+            f"covariance: got {values[wrong].tolist()}, expected a positive definite one or six empty cells"
+        )
+        raise DataError(message, table.path, table.lines[wrong])
+    return values
 
 
 def _values(table: CsvTable, names: Sequence[str]) -> Floats:
@@ -239,7 +283,7 @@ _STEP = ("dx_m", "dy_m", "dheading_rad")
 FORMS = (
     _Form(_TWIST, ("velocity",), _plain(*_TWIST)),
     _Form(_STEERING, ("ackermann",), _plain(*_STEERING)),
-    _Form(_STEP, _BY_STEPS, _plain(*_STEP)),
+    _Form(_STEP, _BY_STEPS, _read_steps),
     _Form(("x_m", "y_m", "heading_rad"), _BY_STEPS, _read_poses),
     _Form(("x_m", "y_m", "qx", "qy", "qz", "qw"), _BY_STEPS, _read_quaternions),
     _Form(("left_m_per_s", "right_m_per_s"), ("velocity",), _read_wheel_speeds),

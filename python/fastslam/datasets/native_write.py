@@ -13,6 +13,7 @@ import numpy as np
 from .._yaml import write_yaml
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
+from .native_odometry import MOTION_COVARIANCE_COLUMNS
 from .native_settings import CONFIG_KEYS
 from .native_sightings import COVARIANCE_COLUMNS
 from .scans_file import NAME as SCANS
@@ -36,14 +37,13 @@ def write_native(log: Log, folder: Path | str) -> Path:
     folder = Path(folder)
     _check(log, folder)
     folder.mkdir(parents=True, exist_ok=True)
-    odometry = np.column_stack([log.controls.stamp_s, log.controls.values])
-    _write_csv(folder / "odometry.csv", HEADERS[log.config["motion"]["model"]], odometry.tolist())
+    _write_odometry(log, folder / "odometry.csv")
     if log.scans is not None:
         write_scans(log.scans, folder / SCANS)
     if log.scans is None or len(log.sightings.stamp_s) > 0:
         _write_sightings(log, folder / "sightings.csv")
     if log.truth_trajectory is not None:
-        _write_atomically(folder / "truth_trajectory.tum", _tum(log.truth_trajectory))
+        _write_atomically(folder / "truth_trajectory.tum", tum_text(log.truth_trajectory))
     if log.truth_landmarks is not None:
         truth = zip(log.truth_landmarks.names, log.truth_landmarks.position_m.tolist(), strict=True)
         rows = [(name, *position) for name, position in truth]
@@ -86,6 +86,15 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
+def _write_odometry(log: Log, path: Path) -> None:
+    header = list(HEADERS[log.config["motion"]["model"]])
+    columns = [column.tolist() for column in (log.controls.stamp_s, *log.controls.values.T)]
+    if log.controls.covariance is not None:
+        header.extend(MOTION_COVARIANCE_COLUMNS)
+        columns.extend(_numbers(column) for column in log.controls.covariance.T)
+    _write_csv(path, header, zip(*columns, strict=True))
+
+
 def _write_sightings(log: Log, path: Path) -> None:
     sightings = log.sightings
     header = ["stamp_s", "range_m", "bearing_rad"]
@@ -122,7 +131,8 @@ def _names(indices: Ints, names: Sequence[str]) -> list[str]:
     return ["" if index < 0 else names[index] for index in indices.tolist()]
 
 
-def _tum(truth: TruthTrajectory) -> str:
+def tum_text(truth: TruthTrajectory) -> str:
+    """The text of a TUM file; quaternions of zeros where no heading is known."""
     heading = truth.T_world_robot[:, 2]
     known = truth.heading_known
     qz = np.sin(heading / 2) if known else np.zeros(len(heading))

@@ -1,0 +1,43 @@
+"""`fastslam convert`: writes a log in another format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ..conversion import WRITERS, convert, format_of
+from ..datasets.registry import load
+from .options import Format, LogPath, Robot, Run
+
+
+def convert_log(
+    path: LogPath,
+    out: Annotated[Path, typer.Argument(help="What to write: a new folder, .g2o or .tum.", metavar="OUT")],
+    to: Annotated[
+        str | None, typer.Option(metavar="NAME", help=f"Format to write: {', '.join(WRITERS)}.")
+    ] = None,
+    format: Format = None,
+    robot: Robot = None,
+    run: Run = None,
+) -> None:
+    """Write a log in another format: native (a folder of tables), g2o (a graph) or tum (a path).
+
+    A g2o file holds odometry and sightings with their noise, not the truth. A tum file holds the true path,
+    or that of odometry where there is no truth.
+
+    \b
+    Examples:
+      fastslam convert LOG my-log
+      fastslam convert LOG graph.g2o
+      fastslam convert LOG path.tum
+    """
+    log = load(path, format=format, robot=robot, run=run)
+    written = convert(log, out, to=to)
+    held = {
+        "g2o": f"{len(log.sightings.stamp_s):,} sightings; no truth, fixes or scans",
+        "tum": "the path of odometry" if log.truth_trajectory is None else "the true path",
+        "native": f"{len(log.controls.stamp_s):,} controls, {len(log.sightings.stamp_s):,} sightings",
+    }
+    typer.echo(f"{written}: {held[to or format_of(out)]}")
