@@ -105,3 +105,12 @@ pub fn finite(key: &str, value: f64) -> Result<f64> {
         Err(Error::parameter(key, value, "a finite number"))
     }
 }
+
+/// `value` if it lies between 0 and 1, else an error that names `key`.
+pub fn fraction(key: &str, value: f64) -> Result<f64> {
+    if (0.0..=1.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err(Error::parameter(key, value, "0 to 1"))
+    }
+}

@@ -3,9 +3,10 @@
 //! A row of the store holds the numbers of [`column`]. The passes here are loops without branches over columns, so
 //! that they turn into vector code; the identities in their docs are those of `montemerlo2002fastslam`.
 
+pub use crate::density::{fit, fit_with_tail, Fit, Tail};
 use crate::geometry::{Pose, Symmetric2};
-use crate::math;
 use crate::measurement::MeasurementModel;
+pub use crate::sighting::Measured;
 use crate::store::{Rows, RowsMut};
 use crate::vector::vectorized;
 
@@ -29,9 +30,6 @@ pub mod column {
     /// an identity and others have none.
     pub const IDENTITY: usize = 6;
 }
-
-/// ln(2π)
-pub(crate) const LN_TAU: f64 = 1.837_877_066_409_345_3;
 
 /// A landmark's Gaussian in one map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -78,80 +76,6 @@ impl SensorPoses {
     pub fn get(&self, particle: usize) -> Pose {
         Pose::new(self.x[particle], self.y[particle], self.heading[particle])
     }
-}
-
-/// How well a sighting fits.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fit {
-    /// ln N(ν; 0, Q).
-    pub log_likelihood: f64,
-    /// νᵀ Q⁻¹ ν.
-    pub mahalanobis_squared: f64,
-}
-
-/// How the noise of a sensor falls off.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Tail {
-    /// As the normal distribution.
-    Gaussian,
-    /// As Student's t with these degrees of freedom.
-    StudentT(f64),
-}
-
-impl Tail {
-    /// From the configured degrees of freedom.
-    pub fn from_degrees_of_freedom(value: Option<f64>) -> Self {
-        value.map_or(Self::Gaussian, Self::StudentT)
-    }
-
-    /// By how much the noise covariance of a sighting this far off is to be scaled: 1 for an ordinary one.
-    ///
-    /// **Source:** the expectation step of the t-distribution as a scale mixture of normals, (κ + d²) / (κ + 2).
-    #[inline(always)]
-    pub fn noise_scale(self, mahalanobis_squared: f64) -> f64 {
-        match self {
-            Self::Gaussian => 1.0,
-            Self::StudentT(k) => ((k + mahalanobis_squared) / (k + 2.0)).max(1.0),
-        }
-    }
-
-    /// The logarithm of the density of two dimensions over the normal one. The normalising constant is 1 / 2π for both.
-    #[inline(always)]
-    pub fn log_excess(self, mahalanobis_squared: f64) -> f64 {
-        match self {
-            Self::Gaussian => 0.0,
-            Self::StudentT(k) => 0.5 * mahalanobis_squared - 0.5 * (k + 2.0) * math::ln(1.0 + mahalanobis_squared / k),
-        }
-    }
-
-    /// The Mahalanobis distance at which the logarithm of the density lies `log_ratio` below its peak.
-    pub fn reach(self, log_ratio: f64) -> f64 {
-        let log_ratio = log_ratio.max(0.0);
-        match self {
-            Self::Gaussian => (2.0 * log_ratio).sqrt(),
-            Self::StudentT(k) => (k * (math::exp(2.0 * log_ratio / (k + 2.0)) - 1.0)).sqrt(),
-        }
-    }
-
-    #[inline(always)]
-    fn log_likelihood(self, gaussian: Fit) -> Fit {
-        Fit { log_likelihood: gaussian.log_likelihood + self.log_excess(gaussian.mahalanobis_squared), ..gaussian }
-    }
-}
-
-/// ln N(ν; 0, Q) (with the tail of the noise in place of the normal one) and νᵀQ⁻¹ν for a 2×2 Q.
-#[inline(always)]
-pub fn fit_with_tail(innovation: [f64; 2], q: Symmetric2, tail: Tail) -> Fit {
-    tail.log_likelihood(fit(innovation, q))
-}
-
-/// ln N(ν; 0, Q) and νᵀQ⁻¹ν for a 2×2 Q.
-#[inline(always)]
-pub fn fit(innovation: [f64; 2], q: Symmetric2) -> Fit {
-    let determinant = q.determinant();
-    let [a, b] = innovation;
-    let mahalanobis_squared = (q.yy * a * a - 2.0 * q.xy * a * b + q.xx * b * b) / determinant;
-    Fit { log_likelihood: -0.5 * (mahalanobis_squared + math::ln(determinant)) - LN_TAU, mahalanobis_squared }
 }
 
 /// G Σ Gᵀ + R.
@@ -216,17 +140,6 @@ pub fn first_sighting<M: MeasurementModel>(
     let inverse = 1.0 / (a * d - b * c);
     let covariance = noise.transformed([[d * inverse, -b * inverse], [-c * inverse, a * inverse]]);
     Gaussian { mean, covariance }
-}
-
-/// A sighting as the passes over particles need it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Measured {
-    /// In the coordinates of the measurement model.
-    pub value: [f64; 2],
-    /// R of this sighting.
-    pub noise: Symmetric2,
-    /// How the noise falls off.
-    pub tail: Tail,
 }
 
 /// Corrects a landmark in all maps (those in `mask`), adding one to its sightings, and adds the log-likelihood of the
@@ -464,25 +377,5 @@ mod tests {
         // t density with 4 degrees of freedom and unit scale at d² = 4: (1 + 4/4)^-3 / 2π = 1 / 16π.
         let density = fit_with_tail([2.0, 0.0], Symmetric2::new(1.0, 0.0, 1.0), heavy).log_likelihood;
         assert!((density + (16.0 * std::f64::consts::PI).ln()).abs() < 1e-14);
-    }
-
-    #[test]
-    fn the_reach_is_where_the_density_has_fallen_that_far() {
-        for tail in [Tail::Gaussian, Tail::StudentT(4.0), Tail::StudentT(30.0)] {
-            for log_ratio in [0.0, 0.3, 5.0, 12.0] {
-                let d2 = tail.reach(log_ratio).powi(2);
-                let fallen = 0.5 * d2 - tail.log_excess(d2);
-                assert!((fallen - log_ratio).abs() < 1e-12, "{tail:?}: {fallen} against {log_ratio}");
-            }
-        }
-    }
-
-    #[test]
-    fn the_likelihood_is_the_normal_density() {
-        // Q = diag(4, 9), ν = (2, 3): d² = 2, density exp(-1) / (2π · 6).
-        let fit = fit([2.0, 3.0], Symmetric2::new(4.0, 0.0, 9.0));
-        assert!((fit.mahalanobis_squared - 2.0).abs() < 1e-15);
-        let density = (-1.0_f64).exp() / (std::f64::consts::TAU * 6.0);
-        assert!((fit.log_likelihood - density.ln()).abs() < 1e-14);
     }
 }

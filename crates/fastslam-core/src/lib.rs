@@ -4,7 +4,9 @@
 //! mathematics and nothing else: no files, no clock, no global state, no randomness that is not a function of the seed.
 
 pub mod association;
+pub mod belief;
 pub mod config;
+pub mod density;
 pub mod detect;
 pub mod diagnosis;
 pub mod ekf_slam;
@@ -20,7 +22,9 @@ pub mod random;
 pub mod real;
 pub mod resampling;
 pub mod run;
+pub mod sighting;
 pub mod slam;
+pub mod step_info;
 pub mod store;
 pub mod testing;
 pub mod timeline;

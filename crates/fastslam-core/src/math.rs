@@ -149,6 +149,12 @@ pub fn ln(x: f64) -> f64 {
     }
 }
 
+/// The probability that belongs to log-odds.
+#[inline(always)]
+pub fn logistic(log_odds: f64) -> f64 {
+    1.0 / (1.0 + exp(-log_odds))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,9 +4,12 @@
 //! map lacks. Where a detection probability is known, the likelihoods hold the odds of seeing the landmark over missing
 //! it, so that the cost of a miss is counted as well.
 
-use super::decide::best_choice;
-use super::{Decision, Hypothesis, Rules, ScanSighting, Scratch};
-use crate::landmark::Fit;
+use super::choice::{best_choice, Scratch};
+use super::hypothesis::Hypothesis;
+use super::rules::Rules;
+use super::table::Decision;
+use crate::density::Fit;
+use crate::sighting::ScanSighting;
 
 /// The cost of what is impossible: finite, so that sums stay numbers.
 const IMPOSSIBLE: f64 = 1e12;

@@ -4,53 +4,15 @@
 //! distances taken one after the other, each with the pose refined by those before it, because the landmarks are
 //! independent given the pose. A node of the search thus costs one refinement, whatever its depth.
 
-use super::decide::{best_choice, decide, order_decisions};
-use super::{Decision, Hypothesis, Rules, ScanSighting, Scratch};
-use crate::math;
-
-/// Scans with more ambiguous sightings than this are decided one by one.
-pub const MOST_JOINT: usize = 15;
+use super::choice::{best_choice, order_decisions, Scratch};
+use super::decide::{decide, Outcome};
+use super::hypothesis::Hypothesis;
+use super::rules::{Rules, MOST_JOINT};
+use super::table::Decision;
+use crate::sighting::ScanSighting;
 
 /// So many nodes are searched before the scan is decided one by one.
 const MOST_NODES: u32 = 2_000;
-
-/// The squared joint distance that so many pairs (two dimensions each) exceed with one minus `probability`.
-///
-/// χ² with 2n degrees of freedom: P(d² > x) = e^(−x/2) Σ_{k<n} (x/2)^k / k!, inverted by bisection.
-pub fn joint_gates(probability: f64) -> [f64; MOST_JOINT + 1] {
-    let beyond = |n: usize, half: f64| {
-        let (mut term, mut sum) = (1.0, 0.0);
-        for k in 0..n {
-            sum += term;
-            term *= half / (k + 1) as f64;
-        }
-        math::exp(-half) * sum
-    };
-    std::array::from_fn(|n| {
-        let (mut low, mut high) = (0.0, 700.0);
-        if n == 0 || probability >= 1.0 {
-            return if n == 0 { 0.0 } else { f64::INFINITY };
-        }
-        for _ in 0..80 {
-            let middle = 0.5 * (low + high);
-            if beyond(n, middle) > 1.0 - probability {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        low + high
-    })
-}
-
-/// Outcome of a scan for one hypothesis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outcome {
-    /// Log-likelihood of the scan, tempered.
-    pub log_weight: f64,
-    /// Whether the scan was too large for its method.
-    pub fell_back: bool,
-}
 
 /// What is searched, and the best set found so far.
 struct Search<'a> {
@@ -189,19 +151,4 @@ fn settle<H: Hypothesis>(
         log_density += rules.log_new_density;
     }
     rules.likelihood_exponent * log_density
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn joint_gates_are_those_of_the_tables() {
-        // χ² at 0.99 with 2, 4, 10 and 30 degrees of freedom.
-        let gates = joint_gates(0.99);
-        for (n, expected) in [(1, 9.210), (2, 13.277), (5, 23.209), (15, 50.892)] {
-            assert!((gates[n] - expected).abs() < 5e-4, "{n}: {}", gates[n]);
-        }
-        assert_eq!(joint_gates(1.0)[3], f64::INFINITY);
-    }
 }

@@ -1,20 +1,30 @@
 //! Which landmark a sighting belongs to, when nobody says so.
 
 mod assignment;
+mod choice;
 mod decide;
 pub mod fast;
 mod grid;
+mod hypothesis;
 mod joint;
+mod rules;
 mod sampled;
 mod settings;
+mod table;
 
+pub(crate) use crate::belief::by_robot_pose;
+pub use crate::belief::Belief;
+pub use crate::sighting::{Appearance, ScanSighting};
 pub use assignment::{assign, decide_assignment};
-pub(crate) use decide::by_robot_pose;
-pub use decide::{
-    decide, Belief, CandidateTable, Decision, FitTable, Hypothesis, ParticleHypothesis, Rules, ScanSighting, Scratch,
-};
+pub use choice::Scratch;
+pub use decide::{decide, Outcome};
 pub use grid::{Box2, Grid};
-pub use joint::{decide_joint, joint_gates, Outcome, MOST_JOINT};
+pub use hypothesis::{Hypothesis, ParticleHypothesis};
+pub use joint::decide_joint;
+pub use rules::{joint_gates, Rules, MOST_JOINT};
 pub use sampled::decide_sampled;
-pub(crate) use settings::{logistic, validate_below};
-pub use settings::{Appearance, Classes, ExistenceForm, Merging, MergingRule, Method, Signatures};
+pub use settings::{
+    AssociationConfig, AssociationMode, AssociationOrder, Classes, Exclusion, ExistenceConfig, ExistenceForm,
+    Identities, Merging, MergingRule, Method, Removal, Signatures,
+};
+pub use table::{CandidateTable, Decision, FitTable};

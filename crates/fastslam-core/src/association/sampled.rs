@@ -4,15 +4,18 @@
 //! weight is the sum of the likelihoods of all explanations that were left, not the likelihood of the drawn one: draw
 //! and weight together target the posterior over associations (`algorithms`: the normaliser of the proposal).
 
-use super::decide::{best_choice, order_decisions};
-use super::{Decision, Hypothesis, Rules, ScanSighting, Scratch};
-use crate::config::Exclusion;
+use super::choice::{best_choice, order_decisions, Scratch};
+use super::hypothesis::Hypothesis;
+use super::rules::Rules;
+use super::settings::Exclusion;
+use super::table::Decision;
 use crate::math;
+use crate::sighting::ScanSighting;
 
 /// Draws the explanation of every sighting of a scan for one hypothesis and returns the log-weight, tempered.
 ///
 /// `draw(j)` is a uniform number in (0, 1) for sighting j. The least ambiguous sighting comes first (see
-/// [`crate::config::AssociationOrder`]), and each refines the pose for the next.
+/// [`super::AssociationOrder`]), and each refines the pose for the next.
 pub fn decide_sampled<H: Hypothesis>(
     rules: &Rules,
     (scan, of_sighting): (&[ScanSighting], &[Vec<u32>]),

@@ -1,10 +1,25 @@
 //! A scan as points: which beams hit something, where, and from where they were sent.
 
-use super::Scan;
 use crate::error::{finite, non_negative, positive, Error, Result};
 use crate::geometry::Pose;
 use crate::math;
 use serde::{Deserialize, Serialize};
+
+/// One turn of a planar laser.
+#[derive(Clone, Copy, Debug)]
+pub struct Scan<'a> {
+    /// One range per beam. Infinity or [`BeamGeometry::max_range_m`] and beyond: nothing was hit. NaN, zero or
+    /// negative: nothing is known of this beam. Below [`BeamGeometry::min_range_m`]: something near, of no use but as
+    /// an occluder.
+    pub ranges_m: &'a [f64],
+    /// Strength of each echo in any unit.
+    pub intensities: Option<&'a [f64]>,
+    /// Where the beams point and how far they reach.
+    pub geometry: BeamGeometry,
+    /// Velocity of the sensor in its own frame during the scan: forward and left in metres per second, turn in radians
+    /// per second. Used where [`BeamGeometry::beam_period_s`] is known.
+    pub twist: Option<[f64; 3]>,
+}
 
 /// More beams than any planar laser has; bounds the memory that a wrong header can ask for.
 const MAX_BEAMS: usize = 1 << 20;

@@ -15,7 +15,7 @@ mod trunks;
 mod verdict;
 mod wall;
 
-pub use beams::BeamGeometry;
+pub use beams::{BeamGeometry, Scan};
 pub use corners::Corners;
 pub use reflectors::Reflectors;
 pub use trunks::Trunks;
@@ -28,22 +28,6 @@ use beams::Beams;
 use schemars::JsonSchema;
 use segments::Segment;
 use serde::{Deserialize, Serialize};
-
-/// One turn of a planar laser.
-#[derive(Clone, Copy, Debug)]
-pub struct Scan<'a> {
-    /// One range per beam. Infinity or [`BeamGeometry::max_range_m`] and beyond: nothing was hit. NaN, zero or
-    /// negative: nothing is known of this beam. Below [`BeamGeometry::min_range_m`]: something near, of no use but as
-    /// an occluder.
-    pub ranges_m: &'a [f64],
-    /// Strength of each echo in any unit.
-    pub intensities: Option<&'a [f64]>,
-    /// Where the beams point and how far they reach.
-    pub geometry: BeamGeometry,
-    /// Velocity of the sensor in its own frame during the scan: forward and left in metres per second, turn in radians
-    /// per second. Used where [`BeamGeometry::beam_period_s`] is known.
-    pub twist: Option<[f64; 3]>,
-}
 
 /// What a detector found, in the sensor frame at the stamp of the scan.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,6 +2,7 @@
 
 use super::innovations::{ScanScore, NOISES, SENSOR_NOISES};
 use crate::config::Config;
+use crate::density::chi_squared_ratio;
 use std::collections::VecDeque;
 use std::fmt;
 
@@ -306,11 +307,9 @@ impl Sums {
 }
 
 /// What holds 95 % of the means of `count` independent χ² numbers of `degrees` degrees of freedom.
-///
-/// **Source:** Wilson and Hilferty 1931: the cube root of χ²_ν / ν is nearly normal.
 fn band(degrees: f64, count: f64) -> [f64; 2] {
-    let spread = 2.0 / (9.0 * degrees * count.max(1.0));
-    [-BAND_STD_ERRORS, BAND_STD_ERRORS].map(|z| degrees * (1.0 - spread + z * spread.sqrt()).max(0.0).powi(3))
+    let all = degrees * count.max(1.0);
+    [-BAND_STD_ERRORS, BAND_STD_ERRORS].map(|z| degrees * chi_squared_ratio(all, z))
 }
 
 impl NoiseWarning {

@@ -2,6 +2,7 @@
 
 use super::Particles;
 use crate::config::{AdaptiveConfig, ParticleNumber};
+use crate::density::chi_squared_ratio;
 use rustc_hash::FxHashSet;
 
 impl AdaptiveConfig {
@@ -37,9 +38,8 @@ fn particles_for(bins: usize, epsilon: f64, delta: f64) -> usize {
         return 1;
     }
     let degrees = (bins - 1) as f64;
-    let spread = 2.0 / (9.0 * degrees);
-    let root = 1.0 - spread + upper_quantile(delta) * spread.sqrt();
-    (degrees / (2.0 * epsilon) * root.max(0.0).powi(3)).ceil() as usize
+    let ratio = chi_squared_ratio(degrees, upper_quantile(delta));
+    (degrees / (2.0 * epsilon) * ratio).ceil() as usize
 }
 
 /// z with P(Z > z) = δ for a standard normal Z, δ below one half.

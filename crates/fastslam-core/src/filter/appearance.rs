@@ -5,7 +5,7 @@
 
 use crate::association::Appearance;
 use crate::config::{AssociationConfig, Classes, Signatures};
-use crate::landmark::LN_TAU;
+use crate::density::LN_TAU;
 use crate::math;
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreKind, StoreUsage};
 

@@ -6,7 +6,7 @@
 //! holds landmarks in view that were not sighted loses weight.
 
 use super::{FastSlam, Particles, StepInfo};
-use crate::association::{logistic, Box2, CandidateTable, Decision};
+use crate::association::{Box2, CandidateTable, Decision};
 use crate::config::{AssociationConfig, ExistenceForm, Removal};
 use crate::landmark::column;
 use crate::math;
@@ -56,7 +56,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let Some(existence) = &mut self.landmarks.existence else { return };
         let log_odds = existence.read(slot).column(1);
         for (value, log_odds) in evidence.iter_mut().zip(log_odds) {
-            let seen = logistic(*log_odds) * detection;
+            let seen = math::logistic(*log_odds) * detection;
             *value += math::ln(seen / (1.0 - seen));
         }
     }
@@ -181,7 +181,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                     continue;
                 }
                 if let Some(detection) = association.detection_probability {
-                    let missed = exponent * math::ln(1.0 - logistic(log_odds[i]) * detection);
+                    let missed = exponent * math::ln(1.0 - math::logistic(log_odds[i]) * detection);
                     log_weight[i] += missed;
                     score[i] += missed;
                 }

@@ -4,9 +4,9 @@
 use super::beliefs::Beliefs;
 use crate::association::Box2;
 use crate::geometry::Pose;
-use crate::landmark::Measured;
 use crate::math;
 use crate::measurement::MeasurementModel;
+use crate::sighting::Measured;
 use crate::vector::vectorized;
 
 /// The region of a sighting may be wider than needed by this fraction of its margin on each side.
@@ -98,8 +98,8 @@ impl Extent {
 mod tests {
     use super::*;
     use crate::association::Belief;
+    use crate::density::Tail;
     use crate::filter::beliefs::set_belief_in;
-    use crate::landmark::Tail;
     use crate::measurement::RangeBearing;
     use crate::random::{Purpose, RandomSource};
 

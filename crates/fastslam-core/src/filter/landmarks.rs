@@ -2,8 +2,7 @@
 
 use super::appearance::Appearances;
 use super::existence;
-use crate::association::{Box2, Grid};
-use crate::config::AssociationMode;
+use crate::association::{Box2, Grid, Identities};
 use crate::landmark::column;
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreKind, StoreUsage};
 use crate::vector::vectorized;
@@ -36,27 +35,6 @@ pub struct Landmarks {
     grid: Option<Grid>,
     /// Widening of boxes: gate radius in standard deviations.
     gate_radius: f64,
-}
-
-/// Whether sightings without an identity may come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Identities {
-    /// Every sighting has one.
-    All,
-    /// Some have one.
-    Some,
-    /// None has one, or they are ignored.
-    None,
-}
-
-impl Identities {
-    /// What remains of the log's promise under the configured mode.
-    pub(crate) fn heeding(self, mode: AssociationMode) -> Self {
-        match mode {
-            AssociationMode::Known => self,
-            AssociationMode::Unknown => Self::None,
-        }
-    }
 }
 
 impl Landmarks {

@@ -6,9 +6,9 @@
 
 use super::{existence, FastSlam, Particles, StepInfo};
 use crate::association::{CandidateTable, Decision};
+use crate::density::chi_squared_2;
 use crate::geometry::Symmetric2;
 use crate::landmark::{column, gaussian_in, Gaussian};
-use crate::math;
 use crate::measurement::MeasurementModel;
 use crate::store::Rows;
 use rustc_hash::FxHashMap;
@@ -196,7 +196,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn union(&self, old: &Rows<'_>, young: &Rows<'_>, together: f64) -> Option<Union> {
         let n = self.particles.len();
         let merging = &self.config.association.merging;
-        let gate = -2.0 * math::ln(1.0 - merging.gate_probability);
+        let gate = chi_squared_2(merging.gate_probability);
         let tolerance = merging.tolerance_std_m * merging.tolerance_std_m;
         let named = |i: usize| self.landmarks.columns() > column::IDENTITY && young.column(column::IDENTITY)[i] != 0.0;
         let elsewhere = average(old, n);

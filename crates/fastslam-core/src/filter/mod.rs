@@ -14,19 +14,22 @@ mod particles;
 mod rejuvenation;
 mod scan;
 mod scan_methods;
+pub mod settings;
 mod usable;
 
+pub use crate::association::Identities;
+pub use crate::sighting::{Sighting, Skipped};
+pub use crate::step_info::StepInfo;
 pub use estimate::{MapEstimate, MapLandmark};
-pub use landmarks::Identities;
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
-use crate::association::{fast, Appearance, CandidateTable, Decision, FitTable, Rules, Scratch};
+use crate::association::{fast, CandidateTable, Decision, FitTable, Rules, Scratch};
 use crate::config::{Algorithm, Config};
 use crate::diagnosis::health::{MapInView, View, Vitals, Watch};
-use crate::diagnosis::{Health, NoiseReport, NoiseWarnings};
+use crate::diagnosis::NoiseReport;
 use crate::error::{Error, Result};
-use crate::geometry::{Pose, Symmetric2};
+use crate::geometry::Pose;
 use crate::landmark::SensorPoses;
 use crate::measurement::{MeasurementModel, RangeBearing};
 use crate::motion::{MotionGaussian, PoseColumns};
@@ -43,88 +46,6 @@ use existence::Judging;
 use landmarks::Landmarks;
 use merging::Merger;
 use rejuvenation::Rejuvenation;
-
-/// One detection of a landmark.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sighting {
-    /// In the coordinates of the measurement model; (range in m, bearing in rad) for [`RangeBearing`].
-    pub value: [f64; 2],
-    /// Which landmark it is, where somebody says so.
-    pub identity: Option<u32>,
-    /// Covariance of (range, bearing) when the detector gives one.
-    pub noise: Option<Symmetric2>,
-    /// What it looks like, when the detector says so.
-    pub appearance: Appearance,
-}
-
-impl Sighting {
-    /// Range in metres and bearing in radians, counter-clockwise from the sensor's heading, with the sensor's noise.
-    pub fn range_bearing(range_m: f64, bearing_rad: f64, identity: Option<u32>) -> Self {
-        Self { value: [range_m, bearing_rad], identity, noise: None, appearance: Appearance::default() }
-    }
-}
-
-/// What happened in one step.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct StepInfo {
-    /// Number of the step, from 0.
-    pub step: u64,
-    /// Sightings used.
-    pub sightings: u32,
-    /// Landmarks that were created (by at least one particle).
-    pub new_landmarks: u32,
-    /// Landmarks that the best particle removed from its map.
-    pub removed: u32,
-    /// Landmarks that the best particle merged with another one.
-    pub merged: u32,
-    /// Particles for which the scan was too large for joint association.
-    pub fell_back: u32,
-    /// Sightings that the best particle took for neither a known nor a new landmark.
-    pub ignored: u32,
-    /// Sightings skipped: not finite, or outside the sensor's limits.
-    pub skipped: Skipped,
-    /// 1 / Σ weight², before resampling.
-    pub effective_sample_size: f64,
-    /// Whether the particles were resampled.
-    pub resampled: bool,
-    /// Increment of the log evidence.
-    pub log_likelihood: f64,
-    /// Landmarks in the map of the best particle.
-    pub landmarks: u32,
-    /// Whether all particles were drawn anew from the posterior over paths.
-    pub rejuvenated: bool,
-    /// Whether the poses are samples now; without sightings FastSLAM 2.0 waits.
-    pub sampled: bool,
-    /// Number of particles after the step.
-    pub particles: u32,
-    /// Sightings that the best particle took for landmarks of its map.
-    pub matched: u32,
-    /// Landmark covariances that lost definiteness and were repaired, over all particles.
-    pub repaired: u32,
-    /// Mean normalised innovation squared per sighting over the sliding window; 2 is expected, 0 before the first.
-    pub nis: f64,
-    /// What holds 95 % of such means when the noise is right.
-    pub nis_band: [f64; 2],
-    /// How the configured noise contradicts the sliding window.
-    pub noise_warnings: NoiseWarnings,
-    /// Whether the estimate can be believed.
-    pub health: Health,
-}
-
-/// Sightings that could not be used, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Skipped {
-    /// Range or bearing is NaN or infinite, or the bearing too large for an angle.
-    pub not_finite: u32,
-    /// Nearer than the sensor's minimum.
-    pub too_near: u32,
-    /// Farther than the sensor's maximum.
-    pub too_far: u32,
-    /// Without an identity, though identities are said to be known.
-    pub without_identity: u32,
-    /// With a covariance of their own that is not positive definite.
-    pub bad_covariance: u32,
-}
 
 /// Above this spread of the heading the motion since the last sighting is sampled rather than linearised on.
 const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;

@@ -2,8 +2,8 @@
 
 use super::{Identities, Sighting, Skipped};
 use crate::association::ScanSighting;
-use crate::landmark::Measured;
 use crate::measurement::{MeasurementModel, Sensor};
+use crate::sighting::Measured;
 
 /// The sightings that can be used, as measurements; the others are counted by reason.
 pub(crate) fn usable<'a, M: MeasurementModel>(

@@ -9,9 +9,9 @@ mod range_bearing;
 pub use cartesian::Cartesian;
 pub use range_bearing::RangeBearing;
 
+use crate::density::Tail;
 use crate::error::{finite, positive, Result};
 use crate::geometry::{Pose, Symmetric2};
-use crate::landmark::Tail;
 use crate::real::{Dual, Real};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

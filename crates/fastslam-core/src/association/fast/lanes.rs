@@ -1,9 +1,11 @@
 //! The columns of a block of particles and the passes of vector code over them.
 
-use super::super::decide::Belief;
+use crate::belief::Belief;
+use crate::density::{Fit, Tail};
 use crate::geometry::{Pose, Symmetric2};
-use crate::landmark::{Fit, Gaussian, Measured, Tail};
+use crate::landmark::Gaussian;
 use crate::measurement::MeasurementModel;
+use crate::sighting::Measured;
 
 /// Particles that decide together; their columns fit into the first level of cache.
 pub const BLOCK: usize = 64;

@@ -6,11 +6,14 @@
 
 mod lanes;
 
-use super::decide::{CandidateTable, Decision, Rules, ScanSighting};
-use crate::config::{AssociationOrder, Exclusion};
+use super::rules::Rules;
+use super::settings::{AssociationOrder, Exclusion};
+use super::table::{CandidateTable, Decision};
+use crate::density::Tail;
 use crate::geometry::Pose;
-use crate::landmark::{column, Measured, Tail};
+use crate::landmark::column;
 use crate::measurement::MeasurementModel;
+use crate::sighting::{Measured, ScanSighting};
 use crate::vector::vectorized;
 pub use lanes::BLOCK;
 use lanes::{rank, Best, Candidate, Column, Lanes, ZERO};

@@ -1,6 +1,6 @@
 //! The joint Gaussian over how far the landmarks of each pair are apart, and what it says of sets of pairs.
 
-use crate::landmark::LN_TAU;
+use crate::density::LN_TAU;
 use crate::math;
 
 /// Largest squared Mahalanobis distance of two landmarks that may be one: 99.9 % of χ² with two degrees of freedom.

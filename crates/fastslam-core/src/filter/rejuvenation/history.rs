@@ -1,8 +1,8 @@
 //! What rejuvenation needs to know of the past: motions, sightings, and to which landmark each particle gave them.
 
 use crate::geometry::Pose;
-use crate::landmark::Measured;
 use crate::motion::MotionGaussian;
+use crate::sighting::Measured;
 use rustc_hash::FxHashMap;
 use std::ops::Range;
 
@@ -179,8 +179,8 @@ impl Trajectory {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::density::Tail;
     use crate::geometry::Symmetric2;
-    use crate::landmark::Tail;
 
     fn measured(value: f64) -> Measured {
         Measured { value: [value, 0.0], noise: Symmetric2::new(1.0, 0.0, 1.0), tail: Tail::Gaussian }

@@ -1,0 +1,114 @@
+//! The likeliest explanation of one sighting, and the order in which the sightings of a scan are decided.
+
+use super::hypothesis::Hypothesis;
+use super::rules::Rules;
+use super::settings::AssociationOrder;
+use super::table::Decision;
+use crate::density::Fit;
+use crate::sighting::ScanSighting;
+
+/// What deciding about a scan needs to remember; kept from particle to particle.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    pub(super) used: Vec<u32>,
+    pub(super) order: Vec<usize>,
+    pub(super) margins: Vec<f64>,
+    pub(super) weights: Vec<f64>,
+}
+
+/// The best explanation of a sighting that is still undecided.
+#[derive(Clone, Copy)]
+pub(super) struct Choice {
+    pub(super) best: Option<(u32, Fit)>,
+    /// By how much (in log-likelihood) it is better than the next explanation.
+    pub(super) margin: f64,
+    /// Somebody says so: believed wherever the landmark lies.
+    pub(super) certain: bool,
+}
+
+impl Choice {
+    /// What maximum likelihood makes of it, with the log-likelihood of that.
+    pub(super) fn decision(&self, rules: &Rules) -> (Decision, f64) {
+        match self.best {
+            Some((candidate, fit)) if self.certain => (Decision::Landmark(candidate), fit.log_likelihood),
+            Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
+                if fit.mahalanobis_squared <= rules.gate {
+                    (Decision::Landmark(candidate), fit.log_likelihood)
+                } else {
+                    (Decision::Ignored, rules.log_new_density)
+                }
+            }
+            _ => (Decision::New, rules.log_new_density),
+        }
+    }
+}
+
+/// The order in which one hypothesis decides about the sightings: those with an identity first, then the rest as they
+/// come or the least ambiguous first.
+///
+/// **Why:** a sure sighting refines the pose, and the smaller uncertainty then decides the doubtful ones. The order is
+/// that of the belief before the scan; judging it anew after every decision costs the square of the sightings and gains
+/// nothing that the logs show.
+pub(super) fn order_decisions<H: Hypothesis>(
+    rules: &Rules,
+    scan: &[ScanSighting],
+    of_sighting: &[Vec<u32>],
+    hypothesis: &H,
+    scratch: &mut Scratch,
+) {
+    let Scratch { order, margins, .. } = scratch;
+    order.clear();
+    order.extend(0..scan.len());
+    if rules.order == AssociationOrder::LeastAmbiguousFirst && !hypothesis.pose_is_certain() {
+        let margin = |j: &usize| best_choice(rules, (*j, &scan[*j]), &of_sighting[*j], hypothesis, &[]).margin;
+        margins.clear();
+        margins.extend(order.iter().map(margin));
+        order.sort_by(|a, b| margins[*b].total_cmp(&margins[*a]));
+    }
+    if scan.iter().any(|sighting| sighting.identity.is_some()) {
+        order.sort_by_key(|j| scan[*j].identity.is_none());
+    }
+}
+
+/// The likeliest landmark of a sighting under one hypothesis. Ties go to the older landmark.
+pub(super) fn best_choice<H: Hypothesis>(
+    rules: &Rules,
+    (index, sighting): (usize, &ScanSighting),
+    candidates: &[u32],
+    hypothesis: &H,
+    used: &[u32],
+) -> Choice {
+    let wanted = sighting.identity.map(|identity| f64::from(identity) + 1.0);
+    let mut best: Option<(u32, Fit)> = None;
+    let mut second = rules.log_new_density;
+    for (place, &candidate) in candidates.iter().enumerate() {
+        if used.contains(&candidate) {
+            continue;
+        }
+        let Some(fit) = hypothesis.fit([index, place], candidate, &sighting.measured) else { continue };
+        if let Some(wanted) = wanted {
+            let mark = hypothesis.identity_mark(candidate);
+            if mark == wanted {
+                return Choice { best: Some((candidate, fit)), margin: f64::INFINITY, certain: true };
+            }
+            if mark != 0.0 {
+                continue;
+            }
+        }
+        match best {
+            Some((_, leader)) if fit.log_likelihood <= leader.log_likelihood => {
+                second = second.max(fit.log_likelihood);
+            }
+            leader => {
+                second = leader.map_or(second, |(_, l)| second.max(l.log_likelihood));
+                best = Some((candidate, fit));
+            }
+        }
+    }
+    let margin = match best {
+        Some((_, fit)) if fit.log_likelihood >= rules.log_new_density => fit.log_likelihood - second,
+        Some((_, fit)) => rules.log_new_density - fit.log_likelihood - 1e6,
+        None => -1e3,
+    };
+    Choice { best, margin, certain: false }
+}

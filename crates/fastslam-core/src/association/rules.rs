@@ -1,0 +1,112 @@
+//! The rules of association with their thresholds worked out.
+
+use super::settings::{AssociationOrder, Exclusion, Method};
+use crate::config::Config;
+use crate::density::{chi_squared_2, Tail, LN_TAU};
+use crate::math;
+use crate::measurement::MeasurementModel;
+
+/// Scans with more ambiguous sightings than this are decided one by one.
+pub const MOST_JOINT: usize = 15;
+
+/// The squared joint distance that so many pairs (two dimensions each) exceed with one minus `probability`.
+///
+/// χ² with 2n degrees of freedom: P(d² > x) = e^(−x/2) Σ_{k<n} (x/2)^k / k!, inverted by bisection.
+pub fn joint_gates(probability: f64) -> [f64; MOST_JOINT + 1] {
+    let beyond = |n: usize, half: f64| {
+        let (mut term, mut sum) = (1.0, 0.0);
+        for k in 0..n {
+            sum += term;
+            term *= half / (k + 1) as f64;
+        }
+        math::exp(-half) * sum
+    };
+    std::array::from_fn(|n| {
+        let (mut low, mut high) = (0.0, 700.0);
+        if n == 0 || probability >= 1.0 {
+            return if n == 0 { 0.0 } else { f64::INFINITY };
+        }
+        for _ in 0..80 {
+            let middle = 0.5 * (low + high);
+            if beyond(n, middle) > 1.0 - probability {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low + high
+    })
+}
+
+/// The rules of association with their thresholds worked out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rules {
+    /// How one explanation is chosen.
+    pub method: Method,
+    /// A sighting belongs to its likeliest landmark when the squared Mahalanobis distance is at most this.
+    pub gate: f64,
+    /// ln of the density below which a sighting is a new landmark: that of new landmarks and clutter together.
+    pub log_new_density: f64,
+    /// The log-odds that a new landmark exists, where clutter is modelled.
+    pub initial_log_odds: Option<f64>,
+    /// ln of the most by which anything but the place can raise a likelihood.
+    pub log_most_evidence: f64,
+    /// The squared joint distance at which so many pairs together are still accepted.
+    pub joint_gates: [f64; MOST_JOINT + 1],
+    /// What one landmark may explain.
+    pub exclusion: Exclusion,
+    /// Order of the decisions.
+    pub order: AssociationOrder,
+    /// Power of the likelihood in the weight.
+    pub likelihood_exponent: f64,
+}
+
+impl Rules {
+    /// The configured rules for a sensor.
+    pub fn new<M: MeasurementModel>(config: &Config, model: &M) -> Self {
+        let association = &config.association;
+        let twice = model.noise_covariance().scaled(2.0);
+        let log_new_density = association.new_landmark_density.map_or_else(
+            || {
+                let outer = chi_squared_2(association.new_landmark_gate_probability);
+                let excess = config.sensor.tail().log_excess(outer);
+                -0.5 * (outer + math::ln(twice.determinant())) - LN_TAU + excess
+            },
+            math::ln,
+        );
+        let density = math::exp(log_new_density);
+        Self {
+            method: association.method,
+            gate: chi_squared_2(association.gate_probability),
+            log_new_density: association.clutter_density.map_or(log_new_density, |clutter| math::ln(density + clutter)),
+            initial_log_odds: association.clutter_density.map(|clutter| math::ln(density / clutter)),
+            log_most_evidence: association.log_most_evidence(),
+            joint_gates: joint_gates(association.gate_probability),
+            exclusion: association.exclusion,
+            order: association.order,
+            likelihood_exponent: config.filter.likelihood_exponent,
+        }
+    }
+
+    /// How many standard deviations a landmark can lie off and still be likelier than a new one: its likelihood is at
+    /// most that with the sensor's noise alone.
+    pub fn gate_radius<M: MeasurementModel>(&self, model: &M, tail: Tail) -> f64 {
+        let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
+        tail.reach(peak + self.log_most_evidence - self.log_new_density)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn joint_gates_are_those_of_the_tables() {
+        // χ² at 0.99 with 2, 4, 10 and 30 degrees of freedom.
+        let gates = joint_gates(0.99);
+        for (n, expected) in [(1, 9.210), (2, 13.277), (5, 23.209), (15, 50.892)] {
+            assert!((gates[n] - expected).abs() < 5e-4, "{n}: {}", gates[n]);
+        }
+        assert_eq!(joint_gates(1.0)[3], f64::INFINITY);
+    }
+}

@@ -1,0 +1,131 @@
+//! Densities of innovations: how well a sighting fits, how noise falls off, and quantiles of χ².
+
+use crate::geometry::Symmetric2;
+use crate::math;
+
+/// ln(2π)
+pub(crate) const LN_TAU: f64 = 1.837_877_066_409_345_3;
+
+/// How well a sighting fits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fit {
+    /// ln N(ν; 0, Q).
+    pub log_likelihood: f64,
+    /// νᵀ Q⁻¹ ν.
+    pub mahalanobis_squared: f64,
+}
+
+/// How the noise of a sensor falls off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Tail {
+    /// As the normal distribution.
+    Gaussian,
+    /// As Student's t with these degrees of freedom.
+    StudentT(f64),
+}
+
+impl Tail {
+    /// From the configured degrees of freedom.
+    pub fn from_degrees_of_freedom(value: Option<f64>) -> Self {
+        value.map_or(Self::Gaussian, Self::StudentT)
+    }
+
+    /// By how much the noise covariance of a sighting this far off is to be scaled: 1 for an ordinary one.
+    ///
+    /// **Source:** the expectation step of the t-distribution as a scale mixture of normals, (κ + d²) / (κ + 2).
+    #[inline(always)]
+    pub fn noise_scale(self, mahalanobis_squared: f64) -> f64 {
+        match self {
+            Self::Gaussian => 1.0,
+            Self::StudentT(k) => ((k + mahalanobis_squared) / (k + 2.0)).max(1.0),
+        }
+    }
+
+    /// The logarithm of the density of two dimensions over the normal one. The normalising constant is 1 / 2π for both.
+    #[inline(always)]
+    pub fn log_excess(self, mahalanobis_squared: f64) -> f64 {
+        match self {
+            Self::Gaussian => 0.0,
+            Self::StudentT(k) => 0.5 * mahalanobis_squared - 0.5 * (k + 2.0) * math::ln(1.0 + mahalanobis_squared / k),
+        }
+    }
+
+    /// The Mahalanobis distance at which the logarithm of the density lies `log_ratio` below its peak.
+    pub fn reach(self, log_ratio: f64) -> f64 {
+        let log_ratio = log_ratio.max(0.0);
+        match self {
+            Self::Gaussian => (2.0 * log_ratio).sqrt(),
+            Self::StudentT(k) => (k * (math::exp(2.0 * log_ratio / (k + 2.0)) - 1.0)).sqrt(),
+        }
+    }
+
+    /// A fit with this tail in place of the normal one.
+    #[inline(always)]
+    pub(crate) fn log_likelihood(self, gaussian: Fit) -> Fit {
+        Fit { log_likelihood: gaussian.log_likelihood + self.log_excess(gaussian.mahalanobis_squared), ..gaussian }
+    }
+}
+
+/// ln N(ν; 0, Q) (with the tail of the noise in place of the normal one) and νᵀQ⁻¹ν for a 2×2 Q.
+#[inline(always)]
+pub fn fit_with_tail(innovation: [f64; 2], q: Symmetric2, tail: Tail) -> Fit {
+    tail.log_likelihood(fit(innovation, q))
+}
+
+/// ln N(ν; 0, Q) and νᵀQ⁻¹ν for a 2×2 Q.
+#[inline(always)]
+pub fn fit(innovation: [f64; 2], q: Symmetric2) -> Fit {
+    let determinant = q.determinant();
+    let [a, b] = innovation;
+    let mahalanobis_squared = (q.yy * a * a - 2.0 * q.xy * a * b + q.xx * b * b) / determinant;
+    Fit { log_likelihood: -0.5 * (mahalanobis_squared + math::ln(determinant)) - LN_TAU, mahalanobis_squared }
+}
+
+/// What χ² with two degrees of freedom stays below with this probability: the square of a gate for a sighting.
+pub fn chi_squared_2(probability: f64) -> f64 {
+    -2.0 * math::ln(1.0 - probability)
+}
+
+/// What χ² stays below, as a multiple of its degrees of freedom, for a standard normal number `z`.
+///
+/// **Source:** Wilson and Hilferty 1931: the cube root of χ²_ν / ν is nearly normal; good to 3 % from two degrees on.
+pub fn chi_squared_ratio(degrees_of_freedom: f64, z: f64) -> f64 {
+    let spread = 2.0 / (9.0 * degrees_of_freedom);
+    (1.0 - spread + z * spread.sqrt()).max(0.0).powi(3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_reach_is_where_the_density_has_fallen_that_far() {
+        for tail in [Tail::Gaussian, Tail::StudentT(4.0), Tail::StudentT(30.0)] {
+            for log_ratio in [0.0, 0.3, 5.0, 12.0] {
+                let d2 = tail.reach(log_ratio).powi(2);
+                let fallen = 0.5 * d2 - tail.log_excess(d2);
+                assert!((fallen - log_ratio).abs() < 1e-12, "{tail:?}: {fallen} against {log_ratio}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_likelihood_is_the_normal_density() {
+        // Q = diag(4, 9), ν = (2, 3): d² = 2, density exp(-1) / (2π · 6).
+        let fit = fit([2.0, 3.0], Symmetric2::new(4.0, 0.0, 9.0));
+        assert!((fit.mahalanobis_squared - 2.0).abs() < 1e-15);
+        let density = (-1.0_f64).exp() / (std::f64::consts::TAU * 6.0);
+        assert!((fit.log_likelihood - density.ln()).abs() < 1e-14);
+    }
+
+    #[test]
+    fn quantiles_are_those_of_tables() {
+        assert!((chi_squared_2(0.99) - 9.210_340).abs() < 1e-6);
+        // At 99.9 % (z = 3.0902) and 2.5 % (z = -1.96).
+        for (degrees, z, expected) in [(2.0, 3.0902, 13.816), (10.0, 3.0902, 29.588), (150.0, -1.96, 117.985)] {
+            let got = degrees * chi_squared_ratio(degrees, z);
+            assert!((got / expected - 1.0).abs() < 0.03, "{degrees}: {got} for {expected}");
+        }
+        assert_eq!(chi_squared_ratio(0.1, -3.0), 0.0);
+    }
+}

@@ -1,0 +1,70 @@
+//! What a detector reports of a landmark, and what a filter makes of it.
+
+use crate::density::Tail;
+use crate::geometry::Symmetric2;
+
+/// One detection of a landmark.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sighting {
+    /// In the coordinates of the measurement model; (range in m, bearing in rad) for [`crate::measurement::RangeBearing`].
+    pub value: [f64; 2],
+    /// Which landmark it is, where somebody says so.
+    pub identity: Option<u32>,
+    /// Covariance of (range, bearing) when the detector gives one.
+    pub noise: Option<Symmetric2>,
+    /// What it looks like, when the detector says so.
+    pub appearance: Appearance,
+}
+
+impl Sighting {
+    /// Range in metres and bearing in radians, counter-clockwise from the sensor's heading, with the sensor's noise.
+    pub fn range_bearing(range_m: f64, bearing_rad: f64, identity: Option<u32>) -> Self {
+        Self { value: [range_m, bearing_rad], identity, noise: None, appearance: Appearance::default() }
+    }
+}
+
+/// What a detector reports of a landmark beside its place.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Appearance {
+    /// Which class, from 0.
+    pub class: Option<u32>,
+    /// A number that belongs to the landmark.
+    pub signature: Option<f64>,
+}
+
+/// Sightings that could not be used, by reason.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Skipped {
+    /// Range or bearing is NaN or infinite, or the bearing too large for an angle.
+    pub not_finite: u32,
+    /// Nearer than the sensor's minimum.
+    pub too_near: u32,
+    /// Farther than the sensor's maximum.
+    pub too_far: u32,
+    /// Without an identity, though identities are said to be known.
+    pub without_identity: u32,
+    /// With a covariance of their own that is not positive definite.
+    pub bad_covariance: u32,
+}
+
+/// A sighting as the passes over particles need it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Measured {
+    /// In the coordinates of the measurement model.
+    pub value: [f64; 2],
+    /// R of this sighting.
+    pub noise: Symmetric2,
+    /// How the noise falls off.
+    pub tail: Tail,
+}
+
+/// A sighting with what the scan knows about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScanSighting {
+    /// Value and noise.
+    pub measured: Measured,
+    /// Identity, where somebody says it.
+    pub identity: Option<u32>,
+    /// What it looks like, where the detector says so.
+    pub appearance: Appearance,
+}
