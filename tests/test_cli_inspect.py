@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import fastslam as package
 import pytest
+import typer
 import yaml
 from cli_runner import fastslam
+from fastslam.cli import app
 from fastslam.config import Config
 from fastslam.datasets import FORMATS
 from small_log import LANDMARKS_M, write_small_log
@@ -28,6 +31,25 @@ def test_help_has_worked_examples(command: str) -> None:
     outcome = fastslam(*command.split(), "--help")
     assert outcome.exit_code == 0
     assert f"fastslam {command} " in outcome.stdout
+
+
+def test_every_option_is_spelled_in_small_letters() -> None:
+    # Some versions of typer take a metavar that equals the option's name in capitals for its name.
+    group: Any = typer.main.get_command(app)
+    commands = [
+        command
+        for entry in group.commands.values()
+        for command in getattr(entry, "commands", {"": entry}).values()
+    ]
+    options = {
+        option
+        for command in commands
+        for parameter in command.params
+        for option in parameter.opts
+        if option.startswith("-")
+    }
+    assert len(commands) > 10 and {"--out", "--format"} < options
+    assert {option for option in options if option != option.lower()} == set()
 
 
 def test_info_counts_what_is_in_the_log(tmp_path: Path) -> None:

@@ -163,6 +163,19 @@ def test_eval_of_a_log_that_has_gone(tmp_path: Path) -> None:
     assert fastslam("eval", out, "--truth", tmp_path / "elsewhere").exit_code == 0
 
 
+def test_verbose_says_where_the_time_went(log: Path, tmp_path: Path) -> None:
+    quiet = fastslam("run", log, "--out", tmp_path / "out", "--no-report")
+    assert quiet.exit_code == 0 and "CPU" not in quiet.stderr
+    outcome = fastslam("run", log, "--out", tmp_path / "out", "--verbose", "--no-report")
+    assert outcome.exit_code == 0, outcome.stderr
+    rows = [line.split("│") for line in outcome.stderr.splitlines() if "│" in line]
+    cpu_s = {row[1].strip(): float(row[3]) for row in rows}
+    assert {"load", "filter", "evaluation", "files"} < set(cpu_s)
+    parts = sum(value for name, value in cpu_s.items() if name != "all")
+    # Each row is rounded to a hundredth.
+    assert abs(parts - cpu_s["all"]) <= 0.005 * len(cpu_s)
+
+
 def test_demo_in_a_real_process_takes_less_than_ten_seconds(tmp_path: Path) -> None:
     started = time.monotonic()
     with process("demo", cwd=tmp_path) as demo:

@@ -1,14 +1,19 @@
 """Landmark SLAM by Rao-Blackwellized particle filtering: from a log to a map and a path."""
 
+from typing import TYPE_CHECKING
+
 from ._core import __version__
-from .config import Config
-from .conversion import convert
-from .datasets import load
-from .errors import FastSlamError
-from .filter import FastSlam, StepInfo
-from .log import Log
-from .result import RunResult
-from .runner import run, run_many
+from ._lazy import lazy_names
+
+if TYPE_CHECKING:
+    from .config import Config
+    from .conversion import convert
+    from .datasets import load
+    from .errors import FastSlamError
+    from .filter import FastSlam, StepInfo
+    from .log import Log
+    from .result import RunResult
+    from .runner import run, run_many
 
 __all__ = [
     "Config",
@@ -23,3 +28,37 @@ __all__ = [
     "run",
     "run_many",
 ]
+
+_MODULE_OF = {
+    "Config": "config",
+    "FastSlam": "filter",
+    "FastSlamError": "errors",
+    "Log": "log",
+    "RunResult": "result",
+    "StepInfo": "filter",
+    "convert": "conversion",
+    "load": "datasets",
+    "run": "runner",
+    "run_many": "runner",
+}
+_MODULES = (
+    *(
+        "calibration",
+        "config",
+        "conversion",
+        "datasets",
+        "detection",
+        "errors",
+        "evaluation",
+        "filter",
+        "health",
+        "log",
+    ),
+    *("monte_carlo", "outputs", "plots", "report", "result", "resultfiles", "runner", "settings"),
+    *("simulation", "sweep"),
+)
+__getattr__ = lazy_names(__name__, _MODULE_OF, modules=_MODULES)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, *_MODULES})

@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from .datasets.planar import wrap_to_pi
 from .log import Floats, Ints
@@ -112,6 +110,8 @@ def solve_batch(batch: Batch, *, most_iterations: int = 40) -> Solution:
 
 def _factor(matrix: Any) -> Any:
     # In this order, poses along the path first, nothing fills in but the border of landmarks.
+    from scipy.sparse.linalg import splu
+
     return splu(matrix, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
 
@@ -239,6 +239,8 @@ def _normal_equations(
     weights: Floats,
     first_parameters: Floats,
 ) -> _Equations:
+    from scipy import sparse
+
     poses, landmarks = len(batch.poses), len(batch.landmarks_m)
     at_landmark, at_parameters = 3 * poses, 3 * poses + 2 * landmarks
     size = at_parameters + len(PARAMETERS)
@@ -287,7 +289,9 @@ def _rows(blocks: list[Floats], columns: list[Any], size: int) -> Any:
     ]
     values = np.concatenate([block.ravel() for block in blocks])
     places = (np.concatenate(rows), np.concatenate(wide))
-    return sparse.coo_matrix((values, places), shape=(count * height, size)).tocsr()
+    from scipy.sparse import coo_matrix
+
+    return coo_matrix((values, places), shape=(count * height, size)).tocsr()
 
 
 def _moved(batch: Batch, step: Floats) -> Batch:

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.stats import t as student_t
 
 from ._batch import BLOCKS, PARAMETERS, Batch, Solution, solve_batch
+from ._quantiles import student_t_quantile
 from .config import Config, merge
 from .detection import robot_twists, with_sightings
 from .errors import ConfigError, DataError
@@ -33,8 +32,6 @@ PRIOR_STD = (0.1, 0.5, 1.0, 1.0, 0.5)
 SIGNIFICANT = 3.0
 LEAST_GAIN = 0.25
 """A parameter is observable when its standard error is less than this share of what was assumed of it."""
-INTERVAL_STD_ERRORS = float(student_t.ppf(0.975, BLOCKS - 1))
-"""Half the width of a 95 % interval: the standard error is itself estimated, from so many blocks."""
 LEAST_SIGHTINGS = 100
 LEAST_PER_LANDMARK = 3
 ASSOCIATION_REACH_M = 1.0
@@ -60,7 +57,8 @@ class Parameter:
     @property
     def interval95(self) -> tuple[float, float]:
         """The interval that holds the true value in 95 % of logs."""
-        half = INTERVAL_STD_ERRORS * self.standard_error
+        # The standard error is itself estimated, from so many blocks.
+        half = student_t_quantile(0.975, BLOCKS - 1) * self.standard_error
         return self.value - half, self.value + half
 
     @property
@@ -203,6 +201,8 @@ def _landmarks(log: Log, config: Config, result: RunResult, rows: Ints) -> Ints:
     cosine, sine = np.cos(pose[:, 2]), np.sin(pose[:, 2])
     seen_x = pose[:, 0] + cosine * x_m - sine * y_m + range_m * np.cos(heading)
     seen_y = pose[:, 1] + sine * x_m + cosine * y_m + range_m * np.sin(heading)
+    from scipy.spatial import cKDTree
+
     distance, nearest = cKDTree(result.landmarks.mean_m).query(np.column_stack([seen_x, seen_y]))
     chosen: Ints = np.where(distance < ASSOCIATION_REACH_M, nearest, -1)
     return chosen

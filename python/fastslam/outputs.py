@@ -10,6 +10,7 @@ from .evaluation import EvaluationOptions, Metrics, evaluate_run, summarize
 from .log import Log
 from .result import RunResult
 from .resultfiles import to_json, write_atomically, write_result
+from .timing import stage
 
 RUNS_FILE = "runs.json"
 
@@ -30,17 +31,22 @@ def write_outputs(
     that nothing is lost should drawing fail. Errors: `DataError` where the folder cannot be written.
     """
     target = Path(folder)
-    evaluation = evaluate_run(result, log, options=options)
-    write_result(result, log, target, metrics=evaluation.metrics)
+    with stage("evaluation"):
+        evaluation = evaluate_run(result, log, options=options)
+    with stage("files"):
+        write_result(result, log, target, metrics=evaluation.metrics)
     runs = [evaluation.metrics, *other_runs] if other_runs else []
     if runs:
         summary = {name: asdict(value) for name, value in summarize(runs).items()}
         write_atomically(target / RUNS_FILE, to_json({"runs": runs, "summary": summary}))
     if report:
         # Matplotlib takes a second to load and is needed only here.
-        from .plots import write_figures
-        from .report import write_report
+        with stage("figures"):
+            from .plots import write_figures
 
-        write_figures(result, log, target, evaluation=evaluation)
-        write_report(result, log, target, evaluation=evaluation, runs=runs)
+            write_figures(result, log, target, evaluation=evaluation)
+        with stage("page"):
+            from .report import write_report
+
+            write_report(result, log, target, evaluation=evaluation, runs=runs)
     return evaluation.metrics

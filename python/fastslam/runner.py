@@ -17,6 +17,7 @@ from .filter import landmark_map
 from .log import Log
 from .result import RunResult, Steps, Trajectory
 from .settings import Layer
+from .timing import stage
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called a few times a second with (steps done, steps in all)."""
@@ -68,23 +69,27 @@ def run(
     Errors: `DataError` for the log, `ConfigError` for the configuration, `NumericalError` when the filter
     cannot go on.
     """
-    log = with_sightings(source if isinstance(source, Log) else load(source, format=format, robot=robot))
+    log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
+    if log.scans is not None:
+        with stage("detection"):
+            log = with_sightings(log)
     configuration = configure(log, config or {})
     controls, sightings = log.controls, log.sightings
     try:
-        columns = _core.run(
-            configuration.to_json(),
-            controls.stamp_s,
-            controls.values,
-            sightings.stamp_s,
-            sightings.range_m,
-            sightings.bearing_rad,
-            sightings.identity,
-            noise=sightings.covariance,
-            progress=progress,
-            class_index=sightings.class_index,
-            signature=sightings.signature,
-        )
+        with stage("filter"):
+            columns = _core.run(
+                configuration.to_json(),
+                controls.stamp_s,
+                controls.values,
+                sightings.stamp_s,
+                sightings.range_m,
+                sightings.bearing_rad,
+                sightings.identity,
+                noise=sightings.covariance,
+                progress=progress,
+                class_index=sightings.class_index,
+                signature=sightings.signature,
+            )
     except ValueError as error:
         raise DataError(str(error), log.source) from None
     except RuntimeError as error:

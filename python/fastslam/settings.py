@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from ._json_schema import KeyInfo, discriminators, flatten, suggestion
-from ._yaml import YamlError, parse_yaml, write_yaml
 from .errors import ConfigError
 
 __all__ = ["KeyInfo", "Layer", "Schema", "Settings"]
@@ -236,6 +235,8 @@ def _refuse_unwritable(value: Any, key: str = "") -> None:
 
 
 def _parse(text: str, where: str) -> tuple[Any, dict[str, int]]:
+    from ._yaml import YamlError, parse_yaml
+
     try:
         return parse_yaml(text)
     except YamlError as error:
@@ -244,6 +245,8 @@ def _parse(text: str, where: str) -> tuple[Any, dict[str, int]]:
 
 
 def _commented(section: Layer, path: tuple[str, ...], descriptions: Mapping[str, str]) -> Iterator[str]:
+    from ._yaml import write_yaml
+
     indent = "  " * len(path)
     for key, value in section.items():
         description = descriptions.get(".".join((*path, key)), "")

@@ -27,19 +27,20 @@ app = typer.Typer(
     help="Landmark SLAM by Rao-Blackwellized particle filtering: a log goes in, a map and a path come out.",
     epilog="Exit codes: 0 done, 1 run failed, 2 usage or configuration, 130 interrupted (results are kept).",
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    context_settings={"help_option_names": ["-h", "--help"]},
+    # Plain help: rich takes longer to load than the rest of the program.
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-app.command("demo")(demo)
-app.command("run")(run_log)
-app.command("simulate")(simulate_log)
-app.command("eval")(evaluate_results)
-app.command("detect")(detect_landmarks)
-app.command("calibrate")(calibrate_sensor)
-app.command("info")(info)
-app.command("convert")(convert_log)
-app.command("sweep")(sweep)
-app.command("reproduce")(reproduce_figure)
+app.command("demo", short_help="Simulate a world, run the filter, write a report.")(demo)
+app.command("run", short_help="Run the filter over a log: map, path, numbers, report.")(run_log)
+app.command("simulate", short_help="Simulate a drive and write it as a log with truth.")(simulate_log)
+app.command("eval", short_help="Score results against the truth of their log.")(evaluate_results)
+app.command("detect", short_help="Detect landmarks in the laser scans of a log.")(detect_landmarks)
+app.command("calibrate", short_help="Estimate noise and mounting of the sensor.")(calibrate_sensor)
+app.command("info", short_help="Say what is in a log.")(info)
+app.command("convert", short_help="Write a log in another format.")(convert_log)
+app.command("sweep", short_help="Run a grid of configurations, seeds and logs.")(sweep)
+app.command("reproduce", short_help="Remake figures of the FastSLAM paper.")(reproduce_figure)
 app.add_typer(config_app, name="config")
 app.add_typer(datasets_app, name="datasets")
 

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, cast
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from .._yaml import write_yaml
-from ..calibration import Calibration, Parameter, Reference, calibrate
-from ..config import load_config, merge, parse_assignments
-from ..datasets.registry import load
-from ..evaluation.display import format_number
-from ..resultfiles import write_atomically
 from .console import make_table, stderr, stdout
 from .options import ConfigFile, Format, LogPath, Robot, Run, Seed, Settings
+
+if TYPE_CHECKING:
+    from ..calibration import Calibration, Parameter, Reference
 
 
 def calibrate_sensor(
@@ -46,11 +43,17 @@ def calibrate_sensor(
       fastslam run LOG --config calibration.yaml
       fastslam calibrate MRCLAM_Dataset2 --robot 3 --reference survey --out robot3.yaml
     """
+    from .._yaml import write_yaml
+    from ..calibration import calibrate
+    from ..config import load_config, merge, parse_assignments
+    from ..datasets.registry import load
+    from ..resultfiles import write_atomically
+
     given = [*(settings or []), *([] if seed is None else [f"seed={seed}"])]
     layers = (load_config(config) if config is not None else {}, parse_assignments(given))
     log = load(path, format=format, robot=robot, run=run)
     # `calibrate` refuses any other word with an error of its own.
-    found = calibrate(log, merge(*layers), reference=cast(Reference, reference), noise=noise)
+    found = calibrate(log, merge(*layers), reference=cast("Reference", reference), noise=noise)
     rows = [_row(parameter) for parameter in found.parameters]
     title = f"{log.name}: {found.sightings:,} sightings of {found.landmarks:,} landmarks"
     headings = ("parameter", ">configured", ">found", ">95 % interval", "unit", "")
@@ -73,6 +76,8 @@ def _warnings(found: Calibration) -> list[str]:
 
 
 def _row(parameter: Parameter) -> tuple[str, ...]:
+    from ..evaluation.display import format_number
+
     interval, note = "", ""
     if not math.isnan(parameter.standard_error):
         interval = " to ".join(format_number(value) for value in parameter.interval95)

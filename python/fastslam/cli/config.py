@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import typer
 
-from ..config import Config, explain, load_config, parse_assignments
 from .console import stdout
 from .options import ConfigFile, Format, Robot, Run, Settings
 from .output import keys_table
@@ -15,7 +14,7 @@ from .output import keys_table
 app = typer.Typer(help="Print, check and explain configurations.")
 
 
-@app.command()
+@app.command(short_help="Print the effective configuration as YAML.")
 def dump(
     config: ConfigFile = None,
     settings: Settings = None,
@@ -31,6 +30,8 @@ def dump(
       fastslam config dump > settings.yaml
       fastslam config dump --log LOG --set filter.particles=500
     """
+    from ..config import Config, load_config, parse_assignments
+
     layers: list[Any] = []
     if log is not None:
         from ..datasets import load
@@ -42,14 +43,16 @@ def dump(
     typer.echo(Config.resolve(*layers).dump(), nl=False)
 
 
-@app.command()
+@app.command(short_help="Check a configuration file.")
 def validate(file: Annotated[Path, typer.Argument(help="YAML file to check.", metavar="FILE")]) -> None:
     """Check a configuration file: exit code 0 when it is fine, 2 with the place and the reason when not."""
+    from ..config import Config, load_config
+
     Config.resolve(load_config(file))
     typer.echo(f"{file}: ok")
 
 
-@app.command("explain")
+@app.command("explain", short_help="Show type, default and meaning of keys.")
 def explain_keys(
     key: Annotated[
         str | None, typer.Argument(help="A key or a section; all keys when left out.", metavar="[KEY]")
@@ -62,4 +65,6 @@ def explain_keys(
       fastslam config explain
       fastslam config explain filter.resampling
     """
+    from ..config import explain
+
     stdout().print(keys_table(explain(key)))

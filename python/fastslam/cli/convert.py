@@ -7,17 +7,13 @@ from typing import Annotated
 
 import typer
 
-from ..conversion import WRITERS, convert, format_of
-from ..datasets.registry import load
 from .options import Format, LogPath, Robot, Run
 
 
 def convert_log(
     path: LogPath,
     out: Annotated[Path, typer.Argument(help="What to write: a new folder, .g2o or .tum.", metavar="OUT")],
-    to: Annotated[
-        str | None, typer.Option(metavar="NAME", help=f"Format to write: {', '.join(WRITERS)}.")
-    ] = None,
+    to: Annotated[str | None, typer.Option(metavar="NAME", help="Format to write: native, g2o, tum.")] = None,
     format: Format = None,
     robot: Robot = None,
     run: Run = None,
@@ -33,6 +29,9 @@ def convert_log(
       fastslam convert LOG graph.g2o
       fastslam convert LOG path.tum
     """
+    from ..conversion import convert, format_of
+    from ..datasets.registry import load
+
     log = load(path, format=format, robot=robot, run=run)
     written = convert(log, out, to=to)
     held = {

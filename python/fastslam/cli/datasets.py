@@ -7,16 +7,17 @@ from typing import Annotated
 
 import typer
 
-from ..datasets.download import catalogue, download
-from ..datasets.registry import FORMATS
 from .console import make_table, stdout
 
 app = typer.Typer(help="List and fetch public logs.")
 
 
-@app.command("list")
+@app.command("list", short_help="List formats and public logs.")
 def list_datasets() -> None:
     """List the formats that can be read and the public logs that are known."""
+    from ..datasets.download import catalogue
+    from ..datasets.registry import FORMATS
+
     console = stdout()
     formats = [(entry.name, entry.description) for entry in FORMATS.values()]
     console.print(make_table("formats", ("format", "what it is"), formats))
@@ -26,7 +27,7 @@ def list_datasets() -> None:
     console.print(make_table("public logs", ("log", "how to get it", "home"), logs))
 
 
-@app.command("download")
+@app.command("download", short_help="Fetch a public log and check it.")
 def download_dataset(
     name: Annotated[str, typer.Argument(help="Name of the log, as listed.", metavar="NAME")],
     out: Annotated[Path, typer.Option(help="Folder that the log's folder goes into.")] = Path("data"),
@@ -39,4 +40,6 @@ def download_dataset(
       fastslam datasets download lost_in_the_woods
       fastslam run data/lost_in_the_woods
     """
+    from ..datasets.download import download
+
     typer.echo(download(name, out, base_url=base_url))

@@ -6,17 +6,18 @@ from typing import Annotated
 
 import typer
 
-from ..datasets.native_write import write_native
-from ..runner import configure
-from ..simulation import resolve_simulation, simulate
+from ..timing import stage
+from .options import Verbose
 from .output import LogReference, write_log_reference
 from .run import NoReport, Out, prepare_folder, run_and_report
+from .times import times_shown
 
 
 def demo(
     out: Out = None,
     seed: Annotated[int, typer.Option(help="Seed of the world and of the filter.", metavar="S")] = 1,
     no_report: NoReport = False,
+    verbose: Verbose = False,
 ) -> None:
     """Simulate a world, run the filter over its log and write a report, in a few seconds.
 
@@ -25,8 +26,14 @@ def demo(
       fastslam demo
       fastslam demo --seed 7 --out my-demo
     """
+    from ..datasets.native_write import write_native
+    from ..runner import configure
+    from ..simulation import resolve_simulation, simulate
+
     folder = prepare_folder(out)
-    log = simulate(resolve_simulation({"seed": seed}, preset="demo"), name="demo")
-    path = write_native(log, folder / "log")
-    write_log_reference(folder, LogReference(path, log.format))
-    run_and_report(log, configure(log, {"seed": seed}), folder, report=not no_report)
+    with times_shown(verbose):
+        with stage("simulation"):
+            log = simulate(resolve_simulation({"seed": seed}, preset="demo"), name="demo")
+            path = write_native(log, folder / "log")
+        write_log_reference(folder, LogReference(path, log.format))
+        run_and_report(log, configure(log, {"seed": seed}), folder, report=not no_report)

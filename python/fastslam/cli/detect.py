@@ -7,10 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ..datasets.registry import load
-from ..detection import SCHEMA, find
 from ..errors import DataError
-from ..plots.scan import write_scan_figure, write_scan_page
 from .options import ConfigFile, Format, LogPath, Robot, Run, Settings
 
 
@@ -39,6 +36,10 @@ def detect_landmarks(
       fastslam detect LOG --html scans.html
       fastslam detect LOG --scan 120 --set kind=corners
     """
+    from ..datasets.registry import load
+    from ..detection import SCHEMA, find
+    from ..plots.scan import write_scan_figure, write_scan_page
+
     layers = (SCHEMA.load(config) if config is not None else {}, SCHEMA.parse_assignments(settings or []))
     log = load(path, format=format, robot=robot, run=run)
     if log.scans is None:

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from typing import Any
 
 import typer
-from rich.markup import escape
 from typer.core import TyperGroup
 
 from ..errors import ConfigError, FastSlamError
@@ -51,6 +50,8 @@ def one_line_errors() -> Iterator[None]:
 
 
 def _reported(message: str, code: int) -> typer.Exit:
+    from rich.markup import escape
+
     line = " ".join(message.split())
     stderr().print(f"[bold red]error:[/] {escape(line)}", soft_wrap=True, highlight=False)
     return typer.Exit(code)

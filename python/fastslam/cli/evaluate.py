@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..datasets.registry import load
 from ..errors import DataError
-from ..evaluation import evaluate
-from ..evaluation.monte_carlo import LEVELS, Consistency, NeesSummary
-from ..log import Log
-from ..monte_carlo import consistency_facts, monte_carlo, simulated_logs
-from ..resultfiles import read_result, to_json, write_atomically
-from ..simulation import SCHEMA
 from .console import make_table, progress_bar, stderr, stdout
 from .options import Format, Robot, Run
 from .output import metrics_table, read_log_reference, summary_table
 from .simulate import SETTINGS_FILE
+
+if TYPE_CHECKING:
+    from ..evaluation.monte_carlo import Consistency, NeesSummary
+    from ..log import Log
 
 
 def evaluate_results(
@@ -35,7 +32,8 @@ def evaluate_results(
         typer.Option(min=2, metavar="N", help="Run again N times: can the uncertainty be believed?"),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="With --runs: folder for consistency.json and .png.", metavar="OUT")
+        Path | None,
+        typer.Option("--out", help="With --runs: folder for consistency.json and .png.", metavar="OUT"),
     ] = None,
 ) -> None:
     """Score one results folder, or several together with the 95 % confidence interval of each metric.
@@ -51,6 +49,9 @@ def evaluate_results(
     compared with the reported covariances: NEES against its bounds, coverage of the ellipses. Of a simulated
     log (with `simulation.yaml`) every run gets new noise and a new world; any other log stays the same.
     """
+    from ..evaluation import evaluate
+    from ..resultfiles import read_result, to_json
+
     if runs is not None:
         if len(results) != 1:
             raise typer.BadParameter(f"--runs takes one results folder, got {len(results)}")
@@ -69,6 +70,8 @@ def evaluate_results(
 
 
 def _log_of(folder: Path, truth: Path | None, format: str | None, robot: int | None, run: int | None) -> Log:
+    from ..datasets.registry import load
+
     if truth is not None:
         return load(truth, format=format, robot=robot, run=run)
     reference = read_log_reference(folder)
@@ -83,6 +86,10 @@ def _log_of(folder: Path, truth: Path | None, format: str | None, robot: int | N
 
 
 def _show_consistency(folder: Path, log: Log, runs: int, *, json: bool, out: Path) -> None:
+    from ..monte_carlo import consistency_facts, monte_carlo, simulated_logs
+    from ..resultfiles import read_result, to_json, write_atomically
+    from ..simulation import SCHEMA
+
     config = read_result(folder).config
     settings = Path(log.source) / SETTINGS_FILE
     simulated = settings.is_file()
@@ -122,6 +129,8 @@ def _rows(found: Consistency) -> list[tuple[str, str, str]]:
 
 
 def _nees_rows(name: str, nees: NeesSummary) -> list[tuple[str, str, str]]:
+    from ..evaluation.monte_carlo import LEVELS
+
     low, high = nees.bounds
     found = nees.coverage.found.items()
     coverage = [

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from ..datasets.info import Extent, LogInfo, StreamInfo, describe
-from ..datasets.registry import load
-from ..evaluation.display import format_number
+from typing import TYPE_CHECKING
+
 from .console import make_table, stdout
 from .options import Format, LogPath, Robot, Run
+
+if TYPE_CHECKING:
+    from ..datasets.info import Extent, LogInfo, StreamInfo
 
 Row = tuple[str, str, str]
 
@@ -19,6 +21,9 @@ def info(path: LogPath, format: Format = None, robot: Robot = None, run: Run = N
       fastslam info LOG
       fastslam info MRCLAM_Dataset1 --robot 2
     """
+    from ..datasets.info import describe
+    from ..datasets.registry import load
+
     log = load(path, format=format, robot=robot, run=run)
     summary = describe(log)
     console = stdout()
@@ -38,6 +43,8 @@ def info(path: LogPath, format: Format = None, robot: Robot = None, run: Run = N
 
 
 def _rows(summary: LogInfo) -> list[Row]:
+    from ..evaluation.display import format_number
+
     rows: list[Row] = [("duration", format_number(summary.duration_s), "s")]
     rows += _stream_rows("controls", summary.controls)
     if summary.sightings is None:
@@ -65,6 +72,8 @@ def _rows(summary: LogInfo) -> list[Row]:
 
 
 def _stream_rows(name: str, stream: StreamInfo) -> list[Row]:
+    from ..evaluation.display import format_number
+
     return [
         (name, format_number(stream.rows), ""),
         (f"{name}: rate", format_number(stream.rate_hz), "Hz"),
@@ -75,6 +84,8 @@ def _stream_rows(name: str, stream: StreamInfo) -> list[Row]:
 def _extent_rows(name: str, extent: Extent | None, unit: str) -> list[Row]:
     if extent is None:
         return []
+    from ..evaluation.display import format_number
+
     values = (extent.minimum, extent.median, extent.maximum)
     shown = (format_number(int(value) if value.is_integer() else value) for value in values)
     return [(f"{name}: min, median, max", ", ".join(shown), unit)]

@@ -10,7 +10,9 @@ import typer
 LogPath: TypeAlias = Annotated[Path, typer.Argument(help="Log: a folder or a file.", metavar="PATH")]
 Format: TypeAlias = Annotated[
     str | None,
-    typer.Option(help="Format of the log; guessed from its contents when left out.", metavar="FORMAT"),
+    typer.Option(
+        "--format", help="Format of the log; guessed from its contents when left out.", metavar="FORMAT"
+    ),
 ]
 Robot: TypeAlias = Annotated[int | None, typer.Option(help="Robot number in a log of several.", metavar="N")]
 Run: TypeAlias = Annotated[
@@ -22,5 +24,8 @@ ConfigFile: TypeAlias = Annotated[
 Settings: TypeAlias = Annotated[
     list[str] | None,
     typer.Option("--set", help="One setting; may be given again.", metavar="KEY=VALUE"),
+]
+Verbose: TypeAlias = Annotated[
+    bool, typer.Option("--verbose", "-v", help="Say at the end where the time went.")
 ]
 Seed: TypeAlias = Annotated[int | None, typer.Option(help="Seed of all random numbers.", metavar="S")]

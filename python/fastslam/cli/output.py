@@ -6,15 +6,16 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-
-from rich.table import Table
+from typing import TYPE_CHECKING
 
 from ..errors import DataError
-from ..evaluation import Metrics
-from ..evaluation.display import metric_rows, summary_rows
-from ..resultfiles import to_json, write_atomically
-from ..settings import KeyInfo
 from .console import make_table
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from ..evaluation import Metrics
+    from ..settings import KeyInfo
 
 _LOG_FILE = "log.json"
 
@@ -31,6 +32,8 @@ class LogReference:
 
 def write_log_reference(folder: Path, reference: LogReference) -> None:
     """Notes the log beside the results; relative paths are made absolute."""
+    from ..resultfiles import to_json, write_atomically
+
     facts = {**asdict(reference), "path": str(reference.path.resolve())}
     write_atomically(folder / _LOG_FILE, to_json(facts))
 
@@ -60,6 +63,8 @@ def _meaning(info: KeyInfo) -> str:
 
 def metrics_table(title: str, metrics: Metrics) -> Table:
     """One row per metric, with its unit; counts of skips and repairs only where there were any."""
+    from ..evaluation.display import metric_rows
+
     rows = [
         (row.name, row.value, row.unit)
         for row in metric_rows(metrics)
@@ -70,6 +75,8 @@ def metrics_table(title: str, metrics: Metrics) -> Table:
 
 def summary_table(title: str, runs: Sequence[Metrics]) -> Table:
     """One row per metric: mean over the runs with the half width of its 95 % confidence interval."""
+    from ..evaluation.display import summary_rows
+
     rows = [
         (row.name, row.mean, row.ci95, row.median, row.min, row.max, row.unit, str(row.runs))
         for row in summary_rows(runs)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..resultfiles import write_atomically
-from ..sweep import Progress
 from .console import make_table, progress_bar, stdout
 from .sweep import Processes
+
+if TYPE_CHECKING:
+    from ..sweep import Progress
 
 
 def reproduce_figure(
@@ -32,6 +33,7 @@ def reproduce_figure(
     """
     # Matplotlib takes a second to load and is needed only here.
     from ..reproduce import claims_table, reproduce
+    from ..resultfiles import write_atomically
 
     with ExitStack() as stack:
 

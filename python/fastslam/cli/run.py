@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..config import Config, load_config, parse_assignments
-from ..datasets.registry import load
 from ..errors import DataError
-from ..evaluation import Metrics, evaluate
-from ..health import health_warning
-from ..log import Log
-from ..outputs import write_outputs
-from ..result import RunResult
-from ..resultfiles import new_result_folder
-from ..runner import configure, run_many
+from ..timing import stage
 from .console import progress_bar, stderr, stdout
 from .errors import INTERRUPTED
-from .options import ConfigFile, Format, LogPath, Robot, Run, Seed, Settings
+from .options import ConfigFile, Format, LogPath, Robot, Run, Seed, Settings, Verbose
 from .output import LogReference, metrics_table, summary_table, write_log_reference
+from .times import times_shown
+
+if TYPE_CHECKING:
+    from ..config import Config
+    from ..evaluation import Metrics
+    from ..log import Log
+    from ..result import RunResult
 
 # Flags that stand for a configuration key; the schema checks their values as it checks those of --set.
 _KEY_OF_FLAG = {
@@ -59,6 +58,7 @@ def run_log(
     runs: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with seeds S, S+1, ...")] = 1,
     out: Out = None,
     no_report: NoReport = False,
+    verbose: Verbose = False,
 ) -> None:
     """Run the filter over a log and write map, path, numbers, pictures and a report.
 
@@ -73,6 +73,10 @@ def run_log(
       fastslam run LOG --association unknown --set sensor.range_std_m=0.2
       fastslam run LOG --runs 10 --seed 1 --out results/ten-seeds
     """
+    from ..config import load_config, parse_assignments
+    from ..datasets.registry import load
+    from ..runner import configure
+
     flags = {"association": association, "algorithm": algorithm, "particles": particles}
     flags |= {"store": store, "threads": threads, "seed": seed}
     given = [f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None]
@@ -80,17 +84,21 @@ def run_log(
         load_config(config) if config is not None else {},
         parse_assignments([*(settings or []), *given]),
     ]
-    log = load(path, format=format, robot=robot, run=run)
-    configuration = configure(log, *layers)
-    for problem in log.problems:
-        stderr().print(f"note: {problem.message} ({problem.count:,})", markup=False, soft_wrap=True)
-    folder = prepare_folder(out)
-    write_log_reference(folder, LogReference(path, log.format, robot, run))
-    run_and_report(log, configuration, folder, runs=runs, report=not no_report)
+    with times_shown(verbose):
+        with stage("load"):
+            log = load(path, format=format, robot=robot, run=run)
+        configuration = configure(log, *layers)
+        for problem in log.problems:
+            stderr().print(f"note: {problem.message} ({problem.count:,})", markup=False, soft_wrap=True)
+        folder = prepare_folder(out)
+        write_log_reference(folder, LogReference(path, log.format, robot, run))
+        run_and_report(log, configuration, folder, runs=runs, report=not no_report)
 
 
 def prepare_folder(out: Path | None) -> Path:
     """Makes the folder before the run, so that a long run is not lost to a path that cannot be written."""
+    from ..resultfiles import new_result_folder
+
     if out is None:
         return new_result_folder("results")
     try:
@@ -102,6 +110,11 @@ def prepare_folder(out: Path | None) -> Path:
 
 def run_and_report(log: Log, config: Config, folder: Path, *, runs: int = 1, report: bool = True) -> None:
     """Runs with `runs` seeds from the configured one on, writes all files, prints the table."""
+    from ..evaluation import evaluate
+    from ..health import health_warning
+    from ..outputs import write_outputs
+    from ..runner import run_many
+
     seeds = range(config["seed"], config["seed"] + runs)
     first: RunResult | None = None
     others: list[Metrics] = []

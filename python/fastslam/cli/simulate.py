@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from ..datasets.native_write import write_native
-from ..resultfiles import write_atomically
-from ..simulation import SCHEMA, presets, resolve_simulation, simulate
+from .._core import simulation_presets
 from .console import stdout
 from .options import ConfigFile, Seed, Settings
 from .output import keys_table
 
 SETTINGS_FILE = "simulation.yaml"
+
+_PRESETS = ", ".join(name for name, _ in simulation_presets())
 
 # Flags that stand for a key of the simulation's settings; the schema checks their values.
 _KEY_OF_FLAG = {
@@ -27,6 +27,8 @@ _KEY_OF_FLAG = {
 
 def _explain(wanted: bool) -> None:
     if wanted:
+        from ..simulation import SCHEMA
+
         stdout().print(keys_table(SCHEMA.explain()))
         raise typer.Exit
 
@@ -34,7 +36,7 @@ def _explain(wanted: bool) -> None:
 def simulate_log(
     out: Annotated[Path, typer.Argument(help="Folder for the log: new or empty.", metavar="OUT")],
     preset: Annotated[
-        str | None, typer.Option(metavar="NAME", help=f"Ready-made simulation: {', '.join(presets())}.")
+        str | None, typer.Option(metavar="NAME", help=f"Ready-made simulation: {_PRESETS}.")
     ] = None,
     config: ConfigFile = None,
     settings: Settings = None,
@@ -70,6 +72,10 @@ def simulate_log(
       fastslam simulate clutter --set scan.clutter_per_scan=2 --set scan.detection_probability=0.8
       fastslam simulate square --path waypoints --set "trajectory.points_m=[[5, 5], [45, 5], [45, 35]]"
     """
+    from ..datasets.native_write import write_native
+    from ..resultfiles import write_atomically
+    from ..simulation import SCHEMA, resolve_simulation, simulate
+
     flags = {"layout": layout, "path": path, "max_range": max_range, "seed": seed}
     given = (f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None)
     complete = resolve_simulation(

@@ -5,15 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..evaluation.display import format_metric
-from ..resultfiles import write_atomically
-from ..sweep import ResultStore, Row, group_rows, load_spec, summary_csv, sweep_cells, tidy_csv
 from .console import make_table, progress_bar, stderr, stdout
 from .errors import INTERRUPTED, RUN_FAILED
+
+if TYPE_CHECKING:
+    from ..sweep import Row
 
 _SHOWN = ("ate_rmse_m", "landmark_rmse_m", "gps_inlier_rmse_m", "filter_seconds")
 
@@ -50,6 +50,9 @@ def sweep(
       fastslam sweep particles.yaml --processes 4 --out results/particles
       fastslam sweep particles.yaml --scheduler tcp://head:8786
     """
+    from ..resultfiles import write_atomically
+    from ..sweep import ResultStore, group_rows, load_spec, summary_csv, sweep_cells, tidy_csv
+
     cells = load_spec(spec).cells()
     folder = Path("results") / spec.stem if out is None else out
     store = ResultStore(folder)
@@ -77,6 +80,9 @@ def sweep(
 
 
 def _show(rows: Sequence[Row], folder: Path) -> None:
+    from ..evaluation.display import format_metric
+    from ..sweep import group_rows
+
     groups = group_rows(rows)
     metrics = [name for name in _SHOWN if any(name in group.summary for group in groups)]
     keys = list(groups[0].point)

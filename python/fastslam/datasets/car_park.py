@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
 from numpy.typing import NDArray
 
 from ..errors import DataError
@@ -133,6 +132,8 @@ def _posts(path: Path) -> TruthLandmarks | None:
 
 def _variable(path: Path, name: str, *, columns: int) -> NDArray[Any]:
     """A matrix of a MATLAB file. Errors: DataError where file or matrix are missing or of another width."""
+    import scipy.io
+
     if not path.is_file():
         raise DataError("the file is missing", path)
     try:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
 
 from ..errors import DataError
 from ..log import Controls, Floats, Log, Problem, Sightings, TruthLandmarks, TruthTrajectory
@@ -66,6 +65,8 @@ def _candidates(path: Path) -> list[Path]:
 
 
 def _variables(file: Path) -> frozenset[str]:
+    import scipy.io
+
     try:
         return frozenset(name for name, _, _ in scipy.io.whosmat(file))
     except Exception:  # SciPy raises errors of a dozen kinds for files that are no MATLAB files
@@ -73,6 +74,8 @@ def _variables(file: Path) -> frozenset[str]:
 
 
 def _read_mat(path: Path) -> dict[str, Any]:
+    import scipy.io
+
     try:
         data: dict[str, Any] = scipy.io.loadmat(path)
     except Exception as error:  # as above: any kind, for a damaged file

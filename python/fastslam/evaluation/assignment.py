@@ -5,10 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from ..log import Floats, Ints
 
@@ -23,6 +19,11 @@ def assign_points(first_m: Floats, second_m: Floats, *, gate_m: float) -> tuple[
     none = np.zeros(0, dtype=np.int64)
     if len(first_m) == 0 or len(second_m) == 0:
         return none, none
+    # SciPy takes longer to load than most runs take, so it is loaded where it is needed.
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     near = cKDTree(first_m).sparse_distance_matrix(cKDTree(second_m), gate_m, output_type="ndarray")
     if len(near) == 0:
         return none, none
@@ -49,6 +50,8 @@ def _assign_group(first: Ints, second: Ints, distance_m: Floats, gate_m: float) 
     # exactly on the gate.
     cost = np.zeros((len(rows), len(columns)))
     cost[row_of, column_of] = distance_m**2 - gate_m**2 * (1.0 + 1e-12)
+    from scipy.optimize import linear_sum_assignment
+
     row, column = linear_sum_assignment(cost)
     paired = cost[row, column] < 0.0
     return rows[row[paired]], columns[column[paired]]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
+from .._quantiles import chi_squared_quantile
 from ..errors import DataError
 from ..log import Floats, TruthTrajectory
 from ..result import Trajectory
@@ -79,5 +79,5 @@ def nees_bounds(*, runs: int, degrees_of_freedom: int, probability: float = 0.95
     """
     tail = (1.0 - probability) / 2.0
     total = degrees_of_freedom * runs
-    low, high = stats.chi2.ppf([tail, 1.0 - tail], total) / runs
-    return float(low), float(high)
+    low, high = (chi_squared_quantile(level, total) / runs for level in (tail, 1.0 - tail))
+    return low, high

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..errors import DataError
 from ..log import Floats, Ints
@@ -126,6 +126,8 @@ def _transforms(first_m: Floats, second_m: Floats, true_first_m: Floats, true_se
 
 def _scores(proposals: Floats, estimate_m: Floats, truth_m: Floats, gate_m: float) -> Floats:
     """Σ min(d², gate²) over the true points, d to the nearest estimate, for each proposal."""
+    from scipy.spatial import cKDTree
+
     tree = cKDTree(estimate_m)
     return np.concatenate(
         [_chunk_scores(chunk, tree, truth_m, gate_m) for chunk in _chunks(proposals, len(truth_m))]
@@ -139,7 +141,7 @@ def _chunks(proposals: Floats, points: int) -> Iterator[Floats]:
         yield proposals[start : start + size]
 
 
-def _chunk_scores(proposals: Floats, tree: cKDTree, truth_m: Floats, gate_m: float) -> Floats:
+def _chunk_scores(proposals: Floats, tree: Any, truth_m: Floats, gate_m: float) -> Floats:
     offset = truth_m[None] - proposals[:, None, 1:]
     cosine, sine = np.cos(proposals[:, :1]), np.sin(proposals[:, :1])
     x = cosine * offset[..., 0] + sine * offset[..., 1]

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ..errors import DataError
 from ..log import Bools, Floats, Ints, TruthLandmarks
@@ -172,6 +171,8 @@ def _measure(
     unmatched = np.setdiff1d(np.arange(len(points_m)), rows)
     duplicates = 0
     if transform is not None and len(unmatched) and len(true_rows):
+        from scipy.spatial import cKDTree
+
         distance, _ = cKDTree(truth.position_m[true_rows]).query(aligned_m[unmatched])
         duplicates = int(np.count_nonzero(distance <= how.gate_m))
     error_m = np.linalg.norm(aligned_m[rows] - truth.position_m[true_rows], axis=1)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy import stats
 
+from .._quantiles import chi_squared_quantile
 from ..log import Floats, Log
 from ..result import RunResult
 from .align import RigidTransform
@@ -48,7 +48,7 @@ class Coverage:
         """From errors normalised by their reported covariance. `nees` must not be empty."""
         return cls(
             {
-                f"{100 * level:g}%": float(np.mean(nees <= stats.chi2.ppf(level, degrees_of_freedom)))
+                f"{100 * level:g}%": float(np.mean(nees <= chi_squared_quantile(level, degrees_of_freedom)))
                 for level in LEVELS
             }
         )

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
+from .._quantiles import student_t_quantile
 from .metrics import Metrics
 
 
@@ -57,7 +57,7 @@ def _summarize(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> Met
     count = len(values)
     ci95 = None
     if count > 1:
-        ci95 = float(stats.t.ppf(0.975, count - 1) * np.std(values, ddof=1) / np.sqrt(count))
+        ci95 = float(student_t_quantile(0.975, count - 1) * np.std(values, ddof=1) / np.sqrt(count))
     return MetricSummary(
         runs=count,
         mean=float(values.mean()),

@@ -1,0 +1,108 @@
+"""What the program loads before it does anything: the modules, for times depend on the machine."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import fastslam
+import pytest
+
+HEAVY = {"numpy", "scipy", "matplotlib", "mpl_toolkits", "distributed", "dask", "pandas", "yaml", "pydantic"}
+
+RUN_COMMAND = """
+import json, sys
+from fastslam.cli import main
+sys.argv = ["fastslam", *sys.argv[1:]]
+try:
+    main()
+except SystemExit:
+    pass
+print("\\n" + json.dumps(sorted({name.partition(".")[0] for name in sys.modules})))
+"""
+
+
+def loaded(*arguments: str, code: str = RUN_COMMAND, env: dict[str, str] | None = None) -> set[str]:
+    """The top-level modules that a fresh interpreter has loaded after `code`."""
+    run = subprocess.run(
+        [sys.executable, "-c", code, *arguments],
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        env={**os.environ, "PYTHONIOENCODING": "utf-8", **(env or {})},
+        check=True,
+    )
+    modules = set(json.loads(run.stdout.splitlines()[-1]))
+    assert {"sys", "json"} <= modules
+    return modules
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    ["--version", "--help", "", "run --help", "simulate --help", "eval --help", "config --help"],
+)
+def test_help_and_version_load_nothing_heavy(arguments: str) -> None:
+    modules = loaded(*arguments.split())
+    assert "typer" in modules
+    assert not modules & (HEAVY | {"rich"})
+
+
+def test_completion_loads_nothing_heavy() -> None:
+    words = {"COMP_WORDS": "fastslam run --", "COMP_CWORD": "2", "_FASTSLAM_COMPLETE": "complete_bash"}
+    modules = loaded(env=words)
+    assert "typer" in modules
+    assert not modules & (HEAVY | {"rich"})
+
+
+def test_explaining_keys_loads_what_tables_need() -> None:
+    modules = loaded("config", "explain", "filter.particles")
+    assert "rich" in modules
+    assert not modules & HEAVY
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    code = "import json, sys, fastslam\nprint(json.dumps(sorted({m.partition('.')[0] for m in sys.modules})))"
+    modules = loaded(code=code)
+    assert "fastslam" in modules
+    assert not modules & (HEAVY | {"rich", "typer"})
+
+
+def test_running_the_filter_needs_neither_scipy_nor_matplotlib() -> None:
+    code = (
+        "import json, sys, fastslam\n"
+        "log = fastslam.simulation.simulate({'seed': 3, 'world': {'count': 15}})\n"
+        "assert len(fastslam.run(log, {'filter': {'particles': 5}}).landmarks.ids) > 5\n"
+        "print(json.dumps(sorted({m.partition('.')[0] for m in sys.modules})))"
+    )
+    modules = loaded(code=code)
+    assert "numpy" in modules
+    assert not modules & {"scipy", "matplotlib", "rich", "typer", "distributed"}
+
+
+def test_reading_a_log_and_scoring_leaves_scipy_stats_and_matplotlib_alone(tmp_path: Path) -> None:
+    code = (
+        "import json, sys, fastslam\n"
+        "from fastslam.evaluation import evaluate\n"
+        "from fastslam.simulation import simulate\n"
+        "log = simulate({'seed': 3, 'world': {'count': 15}})\n"
+        "fastslam.datasets.write_native(log, sys.argv[1])\n"
+        "log = fastslam.load(sys.argv[1])\n"
+        "assert evaluate(fastslam.run(log), log)['landmark_matched'] > 5\n"
+        "found = {m.partition('.')[0] for m in sys.modules} | {m for m in sys.modules if 'scipy' in m}\n"
+        "print(json.dumps(sorted(found)))"
+    )
+    modules = loaded(str(tmp_path / "log"), code=code)
+    assert "scipy.spatial" in modules
+    assert not modules & {"scipy.stats", "scipy.io", "matplotlib", "rich"}
+
+
+def test_all_names_of_the_package_can_be_reached() -> None:
+    names = dir(fastslam)
+    assert set(fastslam.__all__) < set(names)
+    reached = {name for name in names if getattr(fastslam, name) is not None}
+    assert reached == set(names) and len(reached) > 25
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = fastslam.nonsense
