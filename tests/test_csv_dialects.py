@@ -267,6 +267,11 @@ REFUSED = [
     # file, content, pattern
     (
         "sightings.csv",
+        'stamp_s,range_m,bearing_rad\n0,"a\nb",0\n',
+        r":3: range_m: got 'a b', expected a number",
+    ),
+    (
+        "sightings.csv",
         "0.5,2,0.1\n",
         r"sightings\.csv:1: got numbers, expected a header .*put stamp_s,range_m",
     ),

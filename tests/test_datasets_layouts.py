@@ -110,6 +110,15 @@ def test_swap_of_data_set_1_is_known_by_table_or_time(tmp_path: Path) -> None:
     assert load(by_table).problems[0].message.startswith("barcodes of subjects 11 and 17, swapped")
 
 
+def test_true_poses_that_are_no_numbers_are_left_out(tmp_path: Path) -> None:
+    own = {**OWN, "Groundtruth": "9 0 0 nan\n9.5 0 0 1e999\n10 1 2 0.5\n"}
+    log = load(write(tmp_path / "course", layout("ds1_{}.dat", own=own)))
+    assert log.truth_trajectory is not None and log.truth_trajectory.stamp_s.tolist() == [10.0]
+    own = {**OWN, "Groundtruth": "9 0 0 nan\n"}
+    with pytest.raises(DataError, match=r"ds1_Groundtruth\.dat: holds no pose without NaN"):
+        load(write(tmp_path / "broken", layout("ds1_{}.dat", own=own)))
+
+
 def test_only_log_below_a_folder_stands_for_it(tmp_path: Path) -> None:
     write(tmp_path / "unpacked" / "MRCLAM" / "MRCLAM_Dataset3", layout("Robot1_{}.dat"))
     write(tmp_path / "unpacked" / "__MACOSX" / "MRCLAM_Dataset3", layout("Robot1_{}.dat"))

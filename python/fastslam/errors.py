@@ -20,7 +20,8 @@ class DataError(FastSlamError):
         self.path = None if path is None else Path(path)
         self.line = line
         where = "" if path is None else f"{path}:{line}: " if line is not None else f"{path}: "
-        super().__init__(where + message)
+        # What a file holds may stand in the message, line breaks included.
+        super().__init__(where + " ".join(message.splitlines()))
 
 
 class ModelError(FastSlamError):

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import DataError
 from ..log import Floats, Ints, Log, Problem, Sightings, TruthLandmarks, TruthTrajectory
 from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
@@ -154,6 +155,9 @@ def _sightings(
 def _truth_trajectory(files: RobotFiles) -> TruthTrajectory | None:
     if files.truth is not None:
         rows = read_table(files.truth, 4)
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        if len(rows) == 0:
+            raise DataError("holds no pose without NaN or infinite values", files.truth)
         rows = rows[np.unique(rows[:, 0], return_index=True)[1]]
         return TruthTrajectory(rows[:, 0], rows[:, 1:])
     averages = find_file(files.barcodes.parent / AVERAGES, f"Cleaned_Robot{files.number}_Groundtruth.csv")
