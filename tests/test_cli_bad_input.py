@@ -91,7 +91,7 @@ def test_unusable_log_is_refused_with_its_place(log: Path, tmp_path: Path, case:
 REPAIRED: dict[str, tuple[Callable[[Path], object], str]] = {
     "NaN": (lambda log: append(log / "sightings.csv", "6.0,nan,0.1,post0\n"), "NaN"),
     "NaN in the odometry": (lambda log: append(log / "odometry.csv", "6.05,nan,0.1\n"), "NaN"),
-    "unsorted stamps": (lambda log: append(log / "sightings.csv", "2.0,4.0,0.1,\n"), "time order"),
+    "unsorted stamps": (lambda log: append(log / "sightings.csv", "5.5,4.0,0.1,\n"), "time order"),
     "duplicate stamps": (lambda log: append(log / "odometry.csv", "6.0,1.0,0.25\n"), "repeated stamp"),
     "landmark at the sensor": (lambda log: append(log / "sightings.csv", "6.0,0.0,0.1,post0\n"), "zero"),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -30,6 +31,20 @@ def parse_yaml(text: str) -> tuple[Any, dict[str, int]]:
         raise YamlError(error.problem or "not valid YAML", line) from None
     except (yaml.YAMLError, ValueError) as error:
         raise YamlError(f"not valid YAML ({' '.join(str(error).split())})") from None
+
+
+def line_of_key(path: Path, key: str) -> int | None:
+    """The line (from 1) of a dotted key in a YAML file, or of the section that it is missing in.
+
+    None where there is no such file or neither stands in it.
+    """
+    try:
+        lines = parse_yaml(path.read_text(encoding="utf-8-sig"))[1]
+    except (OSError, ValueError, YamlError):
+        return None
+    parts = key.split(".")
+    names = (".".join(parts[:count]) for count in range(len(parts), 0, -1))
+    return next((lines[name] for name in names if name in lines), None)
 
 
 class _Loader(yaml.SafeLoader):

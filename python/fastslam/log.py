@@ -124,12 +124,20 @@ class Scans:
     detector: dict[str, Any] = field(default_factory=dict)
 
 
+REPEATED_STAMPS = "repeated-stamps"
+"""Code of the problem that several rows of odometry have one stamp."""
+
+
 @dataclass(frozen=True)
 class Problem:
-    """Something found while reading: what, where, and how many rows were skipped or repaired for it."""
+    """Something found while reading: what, where, and how many rows were skipped or repaired for it.
+
+    `code` is there where the examination of a log asks for it.
+    """
 
     message: str
     count: int = 1
+    code: str = ""
 
 
 @dataclass(frozen=True)

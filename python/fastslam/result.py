@@ -103,5 +103,7 @@ class RunResult:
     """Skips and repairs that were counted: name to number."""
     warnings: tuple[str, ...] = ()
     """What the innovations of the run say against the configured noise, a sentence each."""
+    findings: tuple[dict[str, str], ...] = ()
+    """What the examination of the log found before the run: code, severity, message and remedy of each."""
     noise: dict[str, Any] = field(default_factory=dict)
     """The figures behind that: mean NIS with its band, and a factor for each standard deviation."""

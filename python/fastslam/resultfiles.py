@@ -169,6 +169,7 @@ def read_result(folder: Path | str) -> RunResult:
         interrupted=facts["interrupted"],
         counts=facts["counts"],
         warnings=tuple(facts["warnings"]),
+        findings=tuple(facts.get("findings", ())),
         noise=facts["noise"],
     )
 
@@ -220,6 +221,7 @@ def _run_facts(result: RunResult) -> dict[str, Any]:
         "interrupted": bool(result.interrupted),
         "counts": dict(result.counts),
         "warnings": list(result.warnings),
+        "findings": list(result.findings),
         "noise": dict(result.noise),
     }
 

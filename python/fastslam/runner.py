@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from . import _core
+from ._yaml import line_of_key
 from .config import Config, merge
 from .datasets.registry import load
 from .detection import with_sightings
@@ -35,14 +36,25 @@ def configure(log: Log, *layers: Layer) -> Config:
     Errors: `ConfigError`; for the log's own settings the message names the log.
     """
     own = log.config
-    try:
-        Config.resolve(own)
-    except ConfigError as error:
-        raise ConfigError(f"{log.source}: {error}") from None
+    check_own_settings(log)
     if "association" in own and merge(own, *layers).get("algorithm") == "ekf":
         kept = {key: value for key, value in own["association"].items() if key in EKF_ASSOCIATION}
         own = {**own, "association": kept}
     return Config.resolve(own, *layers)
+
+
+def check_own_settings(log: Log) -> None:
+    """Holds the settings that a log brings against the schema.
+
+    Errors: `ConfigError` that names the log, and the line of its `log.yaml` where there is one.
+    """
+    try:
+        Config.resolve(log.config)
+    except ConfigError as error:
+        key = str(error).partition(":")[0]
+        line = line_of_key(Path(log.source) / "log.yaml", key)
+        where = log.source if line is None else f"{Path(log.source) / 'log.yaml'}:{line}"
+        raise ConfigError(f"{where}: {error}") from None
 
 
 def run(

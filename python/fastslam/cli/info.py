@@ -2,30 +2,50 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from .console import make_table, stdout
 from .options import Format, LogPath, Robot, Run
 
 if TYPE_CHECKING:
     from ..datasets.info import Extent, LogInfo, StreamInfo
+    from ..examination import Finding
 
 Row = tuple[str, str, str]
 
 
-def info(path: LogPath, format: Format = None, robot: Robot = None, run: Run = None) -> None:
-    """Say what is in a log: counts, rates, gaps, truth, and the problems found while reading.
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, findings included.")]
+
+
+def info(
+    path: LogPath, format: Format = None, robot: Robot = None, run: Run = None, json: Json = False
+) -> None:
+    """Examine a log before any filter: what is in it, what was repaired, and what is visibly wrong with it.
 
     \b
     Examples:
       fastslam info LOG
+      fastslam info LOG --json
       fastslam info MRCLAM_Dataset1 --robot 2
     """
     from ..datasets.info import describe
     from ..datasets.registry import load
+    from ..examination import examine
+    from ..resultfiles import to_json
 
     log = load(path, format=format, robot=robot, run=run)
-    summary = describe(log)
+    summary, findings = describe(log), examine(log)
+    if json:
+        facts = {**asdict(summary), "findings": [finding.to_dict() for finding in findings]}
+        stdout().print(to_json(facts), markup=False, highlight=False, soft_wrap=True, end="")
+    else:
+        _show(summary, findings, log.notes)
+
+
+def _show(summary: LogInfo, findings: tuple[Finding, ...], notes: tuple[str, ...]) -> None:
     console = stdout()
     title = f"{summary.name} (format {summary.format}, motion model {summary.motion_model})"
     console.print(make_table(title, ("quantity", ">value", "unit"), _rows(summary)))
@@ -34,12 +54,13 @@ def info(path: LogPath, format: Format = None, robot: Robot = None, run: Run = N
         shown = ", ".join(f"{name}: {count:,}" for name, count in tally[:20])
         more = f", and {len(tally) - 20} more" if len(tally) > 20 else ""
         console.print(f"sightings per landmark: {shown}{more}", markup=False, highlight=False)
-    for note in log.notes:
+    for note in notes:
         console.print(f"note: {note}", markup=False, highlight=False)
-    for problem in summary.problems:
-        console.print(f"problem: {problem.message} ({problem.count:,})", markup=False, highlight=False)
-    if not summary.problems:
-        console.print("no problems found")
+    lines = [f"problem: {problem.message} ({problem.count:,})" for problem in summary.problems]
+    for finding in findings:
+        lines += [f"{finding.severity}: {finding.message} [{finding.code}]", f"  {finding.remedy}"]
+    for line in lines or ["no problems found"]:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def _rows(summary: LogInfo) -> list[Row]:

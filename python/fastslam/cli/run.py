@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +19,7 @@ from .times import times_shown
 if TYPE_CHECKING:
     from ..config import Config
     from ..evaluation import Metrics
+    from ..examination import Finding
     from ..log import Log
     from ..result import RunResult
 
@@ -34,6 +36,9 @@ _KEY_OF_FLAG = {
 Out = Annotated[
     Path | None,
     typer.Option(help="Folder for the results; results/<stamp> and the link results/latest by default."),
+]
+Unexamined = Annotated[
+    bool, typer.Option("--unexamined", help="Run without examining the log, also where it seems meaningless.")
 ]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write the numbers only, no pictures.")]
 
@@ -59,6 +64,7 @@ def run_log(
     out: Out = None,
     no_report: NoReport = False,
     verbose: Verbose = False,
+    unexamined: Unexamined = False,
 ) -> None:
     """Run the filter over a log and write map, path, numbers, pictures and a report.
 
@@ -90,9 +96,24 @@ def run_log(
         configuration = configure(log, *layers)
         for problem in log.problems:
             stderr().print(f"note: {problem.message} ({problem.count:,})", markup=False, soft_wrap=True)
+        with stage("examine"):
+            findings = () if unexamined else _examined(log, configuration)
         folder = prepare_folder(out)
         write_log_reference(folder, LogReference(path, log.format, robot, run))
-        run_and_report(log, configuration, folder, runs=runs, report=not no_report)
+        run_and_report(log, configuration, folder, runs=runs, report=not no_report, findings=findings)
+
+
+def _examined(log: Log, configuration: Config) -> tuple[Finding, ...]:
+    """What is wrong with the log, said before the run. Errors: DataError where a run would mean nothing."""
+    from ..examination import examine
+
+    findings = examine(log, configuration)
+    for finding in findings:
+        if finding.severity == "error":
+            raise DataError(f"{finding.line}; --unexamined runs all the same", log.source)
+        if finding.severity == "problem":
+            stderr().print(f"problem: {finding.line}", markup=False, highlight=False, soft_wrap=True)
+    return findings
 
 
 def prepare_folder(out: Path | None) -> Path:
@@ -108,7 +129,15 @@ def prepare_folder(out: Path | None) -> Path:
     return out
 
 
-def run_and_report(log: Log, config: Config, folder: Path, *, runs: int = 1, report: bool = True) -> None:
+def run_and_report(
+    log: Log,
+    config: Config,
+    folder: Path,
+    *,
+    runs: int = 1,
+    report: bool = True,
+    findings: tuple[Finding, ...] = (),
+) -> None:
     """Runs with `runs` seeds from the configured one on, writes all files, prints the table."""
     from ..evaluation import evaluate
     from ..health import health_warning
@@ -120,7 +149,8 @@ def run_and_report(log: Log, config: Config, folder: Path, *, runs: int = 1, rep
     others: list[Metrics] = []
     interrupted = False
     with progress_bar(log.name) as advance:
-        for result in run_many(log, config, seeds=seeds, progress=advance):
+        for found in run_many(log, config, seeds=seeds, progress=advance):
+            result = replace(found, findings=tuple(finding.to_dict() for finding in findings))
             interrupted = result.interrupted
             if first is None:
                 first = result

@@ -7,8 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DataError
-from ..log import Bools, Controls, Floats, Ints, Problem, Sightings
+from ..log import REPEATED_STAMPS, Bools, Controls, Floats, Ints, Problem, Sightings
 from .planar import wrap_to_pi
+
+FULL_TURNS_ALLOWED = 0.01
+"""Share of bearings that may lie beyond +-2 pi, by an angle that was not wrapped."""
+JITTER_S = 1.0
+"""Rows that come later in the file than in time by no more than this are sorted."""
+LEAST_RUN = 5
+"""So many stamps in order, but behind what came before, are no late rows: the clock was set back."""
 
 
 def clean_controls(stamp_s: Floats, values: Floats, *, path: Path) -> tuple[Controls, tuple[Problem, ...]]:
@@ -22,7 +29,7 @@ def clean_controls(stamp_s: Floats, values: Floats, *, path: Path) -> tuple[Cont
     stamp_s, values = stamp_s[finite], values[finite]
     if len(stamp_s) == 0:
         raise DataError("no usable odometry row is left (all hold NaN or infinite values)", path)
-    order, message, late = _time_order(stamp_s)
+    order, message, late = _time_order(stamp_s, "odometry", path)
     _count(problems, f"odometry rows {message}", late)
     stamp_s, values = stamp_s[order], values[order]
     is_last = np.append(np.diff(stamp_s) > 0, True)
@@ -30,6 +37,7 @@ def clean_controls(stamp_s: Floats, values: Floats, *, path: Path) -> tuple[Cont
         problems,
         "odometry rows with a repeated stamp: the last row of each stamp kept",
         int(np.sum(~is_last)),
+        code=REPEATED_STAMPS,
     )
     return Controls(stamp_s[is_last], values[is_last]), tuple(problems)
 
@@ -48,13 +56,15 @@ def clean_sightings(sightings: Sightings, *, path: Path) -> tuple[Sightings, tup
     kept = select_sightings(sightings, finite & positive)
     if len(kept.stamp_s) == 0 and len(sightings.stamp_s) > 0:
         raise DataError(f"no usable sighting is left of {len(sightings.stamp_s)}", path)
-    order, message, late = _time_order(kept.stamp_s)
+    order, message, late = _time_order(kept.stamp_s, "sighting", path)
     _count(problems, f"sightings {message}", late)
     beyond = np.abs(kept.bearing_rad) > np.pi
     _count(problems, "sightings with a bearing beyond +-pi: wrapped", int(np.sum(beyond)))
-    if np.any(np.abs(kept.bearing_rad) > 4 * np.pi):
-        raise DataError("bearings beyond +-4 pi: expected radians, are these degrees?", path)
+    _refuse_degrees(kept.bearing_rad, path)
     kept = select_sightings(kept, order)
+    twice = _identical_rows(kept)
+    _count(problems, "sightings that repeat another row in every number: dropped", int(np.sum(twice)))
+    kept = select_sightings(kept, ~twice)
     signature = np.where(np.isfinite(kept.signature), kept.signature, np.nan)
     return (
         Sightings(
@@ -68,6 +78,33 @@ def clean_sightings(sightings: Sightings, *, path: Path) -> tuple[Sightings, tup
         ),
         tuple(problems),
     )
+
+
+def _refuse_degrees(bearing_rad: Floats, path: Path) -> None:
+    """Refuses what no difference of two angles in [-pi, pi] can be: a narrow camera in degrees."""
+    size = np.abs(bearing_rad)
+    far = float(np.mean(size > 2 * np.pi)) if len(size) else 0.0
+    if far > FULL_TURNS_ALLOWED or np.any(size > 4 * np.pi):
+        message = (
+            f"bearings up to {size.max():.4g}, {far:.1%} beyond +-2 pi: expected radians, are these degrees?"
+        )
+        raise DataError(message, path)
+
+
+def _identical_rows(sightings: Sightings) -> Bools:
+    """Rows, in time order, that repeat an earlier one of the same stamp in every number.
+
+    Noise makes no reading twice: the rows were written twice, or a detector's output was recorded twice.
+    """
+    columns = [sightings.stamp_s, sightings.range_m, sightings.bearing_rad, sightings.identity]
+    columns += [sightings.class_index, np.nan_to_num(sightings.signature, nan=-1e300)]
+    if sightings.covariance is not None:
+        columns += list(np.nan_to_num(sightings.covariance, nan=-1e300).T)
+    table = np.column_stack(columns)
+    first = np.unique(table, axis=0, return_index=True)[1]
+    repeats = np.ones(len(table), dtype=np.bool_)
+    repeats[first] = False
+    return repeats
 
 
 def no_sightings() -> Sightings:
@@ -90,14 +127,41 @@ def select_sightings(sightings: Sightings, chosen: Bools | Ints) -> Sightings:
     )
 
 
-def _time_order(stamp_s: Floats) -> tuple[Ints, str, int]:
-    """Stable sorting order, what to say about it, and how many rows come after a later stamp."""
+def _time_order(stamp_s: Floats, what: str, path: Path) -> tuple[Ints, str, int]:
+    """Stable sorting order, what to say about it, and how many rows come after a later stamp.
+
+    Errors: DataError where the clock was set back, since nobody can tell what then comes when.
+    """
     behind_s = np.maximum.accumulate(stamp_s) - stamp_s if len(stamp_s) else stamp_s
-    late = int(np.sum(behind_s > 0))
+    late = behind_s > 0
+    row = _set_back(stamp_s, behind_s)
+    if row is not None:
+        message = (
+            f"clock set back: {what} row {row + 1} has stamp {stamp_s[row]:.10g}, {behind_s[row]:.6g} "
+            "s before one above it; cut the log there, or sort the file if only its rows are out of order"
+        )
+        raise DataError(message, path)
     worst_s = float(np.max(behind_s, initial=0.0))
-    return np.argsort(stamp_s, kind="stable"), f"out of time order by up to {worst_s:.6g} s: sorted", late
+    message = f"out of time order by up to {worst_s:.6g} s: sorted"
+    return np.argsort(stamp_s, kind="stable"), message, int(late.sum())
 
 
-def _count(problems: list[Problem], message: str, count: int) -> None:
+def _set_back(stamp_s: Floats, behind_s: Floats) -> int | None:
+    """The row at which the clock was set back; None where rows are in order or only late by a jitter.
+
+    A row is late if it comes at most JITTER_S behind. After a clock was set back by less than that, a run of
+    rows goes on in order until it has caught up.
+    """
+    if np.any(behind_s > JITTER_S):
+        return int(np.argmax(behind_s > JITTER_S))
+    steps_back = np.flatnonzero(np.diff(stamp_s) < 0) + 1
+    ends = np.append(steps_back[1:], len(stamp_s))
+    for row, end in zip(steps_back.tolist(), ends.tolist(), strict=False):
+        if len(np.unique(stamp_s[row:end][behind_s[row:end] > 0])) >= LEAST_RUN:
+            return int(row)
+    return None
+
+
+def _count(problems: list[Problem], message: str, count: int, *, code: str = "") -> None:
     if count > 0:
-        problems.append(Problem(message, count))
+        problems.append(Problem(message, count, code))
