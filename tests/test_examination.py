@@ -111,7 +111,9 @@ UNDECIDED = {
 def samples() -> dict[str, Log]:
     made = {}
     for model, (preset, seed) in SAMPLES.items():
-        log = simulate({**presets()[preset], "seed": seed, "max_duration_s": 200.0})
+        # The lawn-mower needs time for a few turns, which are all that tells left from right.
+        duration_s = 600.0 if model == "increments" else 200.0
+        log = simulate({**presets()[preset], "seed": seed, "max_duration_s": duration_s})
         assert log.config["motion"]["model"] == model
         made[model] = log
     return made
