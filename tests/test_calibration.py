@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -175,6 +176,11 @@ def test_the_command_writes_a_configuration_for_run(tmp_path: Path) -> None:
     settings = load_config(out)
     assert set(settings["sensor"]) >= {"range_scale", "mounting", "range_std_m", "bearing_std_rad"}
     assert Config.resolve(settings)["sensor"]["range_scale"] == pytest.approx(SCALE, abs=0.02)
+    again = fastslam("calibrate", log, "--reference", "odometry", "--noise", "--out", out, "--json")
+    facts = json.loads(again.stdout)
+    assert facts["settings"] == settings and facts["file"] == str(out)
+    found = {parameter["key"]: parameter for parameter in facts["parameters"]}
+    assert found["range_scale"]["value"] == pytest.approx(SCALE, abs=0.02)
     fastslam("calibrate", log, "--reference", "x").assert_one_line_error(exit_code=2, contains="reference")
 
 

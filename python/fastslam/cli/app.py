@@ -13,6 +13,7 @@ from .convert import convert_log
 from .datasets import app as datasets_app
 from .demo import demo
 from .detect import detect_landmarks
+from .encoding import never_fail_to_print
 from .errors import OneLineErrors
 from .evaluate import evaluate_results
 from .info import info
@@ -64,4 +65,5 @@ def _top(
 
 def main() -> None:
     """Entry point of the `fastslam` program."""
+    never_fail_to_print()
     app()

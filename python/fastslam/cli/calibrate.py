@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
 from .console import make_table, stderr, stdout
-from .options import ConfigFile, Format, LogPath, Robot, Run, Seed, Settings
+from .encoding import as_document
+from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings
 
 if TYPE_CHECKING:
     from ..calibration import Calibration, Parameter, Reference
@@ -28,6 +30,7 @@ def calibrate_sensor(
     ] = "sensor",
     noise: Annotated[bool, typer.Option("--noise", help="Write the noise too, not only print it.")] = False,
     out: Annotated[Path, typer.Option(help="YAML file for the settings found.")] = Path("calibration.yaml"),
+    json: Json = False,
 ) -> None:
     """Estimate the sensor's mounting, systematic errors and noise from what a run leaves unexplained.
 
@@ -47,13 +50,17 @@ def calibrate_sensor(
     from ..calibration import calibrate
     from ..config import load_config, merge, parse_assignments
     from ..datasets.registry import load
-    from ..resultfiles import write_atomically
+    from ..resultfiles import to_json, write_atomically
 
     given = [*(settings or []), *([] if seed is None else [f"seed={seed}"])]
     layers = (load_config(config) if config is not None else {}, parse_assignments(given))
     log = load(path, format=format, robot=robot, run=run)
     # `calibrate` refuses any other word with an error of its own.
     found = calibrate(log, merge(*layers), reference=cast("Reference", reference), noise=noise)
+    if json:
+        write_atomically(out, write_yaml(found.settings))
+        typer.echo(as_document(to_json(_facts(found, out))), nl=False)
+        return
     rows = [_row(parameter) for parameter in found.parameters]
     title = f"{log.name}: {found.sightings:,} sightings of {found.landmarks:,} landmarks"
     headings = ("parameter", ">configured", ">found", ">95 % interval", "unit", "")
@@ -61,6 +68,15 @@ def calibrate_sensor(
     for warning in _warnings(found):
         stderr().print(f"[yellow]warning[/] {warning}", highlight=False)
     typer.echo(write_atomically(out, write_yaml(found.settings)))
+
+
+def _facts(found: Calibration, out: Path) -> dict[str, Any]:
+    parameters = [
+        {**asdict(parameter), "interval95": parameter.interval95, "significant": parameter.significant}
+        for parameter in found.parameters
+    ]
+    counts = {"sightings": found.sightings, "landmarks": found.landmarks, "converged": found.converged}
+    return {**counts, "parameters": parameters, "settings": found.settings, "file": str(out)}
 
 
 def _warnings(found: Calibration) -> list[str]:

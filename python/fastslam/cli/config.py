@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from .console import stdout
+from .encoding import as_document
 from .options import ConfigFile, Format, Robot, Run, Settings
 from .output import keys_table
 
@@ -40,7 +41,7 @@ def dump(
     if config is not None:
         layers.append(load_config(config))
     layers.append(parse_assignments(settings or []))
-    typer.echo(Config.resolve(*layers).dump(), nl=False)
+    typer.echo(as_document(Config.resolve(*layers).dump()), nl=False)
 
 
 @app.command(short_help="Check a configuration file.")

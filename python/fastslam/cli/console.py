@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -27,8 +28,9 @@ def stderr() -> Console:
 def _console(stream: TextIO) -> Console:
     from rich.console import Console
 
-    # Made anew each time: tests and embedding programs replace the streams.
-    return Console(file=stream, width=None if stream.isatty() else _WIDTH_WITHOUT_TERMINAL)
+    # Made anew each time: tests and embedding programs replace the streams. Rich reads COLUMNS.
+    known = stream.isatty() or os.environ.get("COLUMNS", "").isdigit()
+    return Console(file=stream, width=None if known else _WIDTH_WITHOUT_TERMINAL)
 
 
 def progress_bar(

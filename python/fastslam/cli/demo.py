@@ -9,7 +9,7 @@ import typer
 from ..timing import stage
 from .options import Verbose
 from .output import LogReference, write_log_reference
-from .run import NoReport, Out, prepare_folder, run_and_report
+from .run import NoReport, Out, prepare_folder, run_all, show
 from .times import times_shown
 
 
@@ -36,4 +36,4 @@ def demo(
             log = simulate(resolve_simulation({"seed": seed}, preset="demo"), name="demo")
             path = write_native(log, folder / "log")
         write_log_reference(folder, LogReference(path, log.format))
-        run_and_report(log, configure(log, {"seed": seed}), folder, report=not no_report)
+        show(run_all(log, configure(log, {"seed": seed}), folder, report=not no_report))

@@ -9,6 +9,7 @@ import typer
 
 from ..errors import DataError
 from .console import make_table, progress_bar, stderr, stdout
+from .encoding import as_document
 from .options import Format, Robot, Run
 from .output import metrics_table, read_log_reference, summary_table
 from .simulate import SETTINGS_FILE
@@ -62,7 +63,7 @@ def evaluate_results(
         evaluate(read_result(folder), _log_of(folder, truth, format, robot, run)) for folder in results
     ]
     if json:
-        typer.echo(to_json(metrics[0] if len(metrics) == 1 else metrics), nl=False)
+        typer.echo(as_document(to_json(metrics[0] if len(metrics) == 1 else metrics)), nl=False)
     elif len(metrics) == 1:
         stdout().print(metrics_table(str(results[0]), metrics[0]))
     else:
@@ -111,7 +112,7 @@ def _show_consistency(folder: Path, log: Log, runs: int, *, json: bool, out: Pat
         figure = consistency_figure({log.name: found}, title=f"NEES over {runs} runs")
     write_atomically(out / "consistency.png", render(figure, "png"))
     if json:
-        typer.echo(to_json(consistency_facts(found)), nl=False)
+        typer.echo(as_document(to_json(consistency_facts(found))), nl=False)
         return
     stdout().print(make_table(f"{log.name}: {runs} runs", ("quantity", ">value", "expected"), _rows(found)))
     stdout().print(f"results: {out / 'consistency.png'}", soft_wrap=True, highlight=False, markup=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +11,9 @@ import typer
 from ..errors import DataError
 from ..timing import stage
 from .console import progress_bar, stderr, stdout
+from .encoding import as_document
 from .errors import INTERRUPTED
-from .options import ConfigFile, Format, LogPath, Robot, Run, Seed, Settings, Verbose
+from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings, Verbose
 from .output import LogReference, metrics_table, summary_table, write_log_reference
 from .times import times_shown
 
@@ -63,6 +64,7 @@ def run_log(
     runs: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with seeds S, S+1, ...")] = 1,
     out: Out = None,
     no_report: NoReport = False,
+    json: Json = False,
     verbose: Verbose = False,
     unexamined: Unexamined = False,
 ) -> None:
@@ -100,7 +102,9 @@ def run_log(
             findings = () if unexamined else _examined(log, configuration)
         folder = prepare_folder(out)
         write_log_reference(folder, LogReference(path, log.format, robot, run))
-        run_and_report(log, configuration, folder, runs=runs, report=not no_report, findings=findings)
+        report = not no_report
+        finished = run_all(log, configuration, folder, runs=runs, report=report, findings=findings)
+        show(finished, json=json)
 
 
 def _examined(log: Log, configuration: Config) -> tuple[Finding, ...]:
@@ -129,7 +133,26 @@ def prepare_folder(out: Path | None) -> Path:
     return out
 
 
-def run_and_report(
+@dataclass(frozen=True)
+class Finished:
+    """What one command computed: the first run, the metrics of every run, and where the files lie."""
+
+    result: RunResult
+    metrics: list[Metrics]
+    folder: Path
+    report: bool
+    interrupted: bool
+
+    @property
+    def warnings(self) -> list[str]:
+        """What speaks against the first run, a sentence each."""
+        from ..health import health_warning
+
+        unhealthy = health_warning(self.result.steps)
+        return [*self.result.warnings, *([] if unhealthy is None else [unhealthy])]
+
+
+def run_all(
     log: Log,
     config: Config,
     folder: Path,
@@ -137,44 +160,60 @@ def run_and_report(
     runs: int = 1,
     report: bool = True,
     findings: tuple[Finding, ...] = (),
-) -> None:
-    """Runs with `runs` seeds from the configured one on, writes all files, prints the table."""
+) -> Finished:
+    """Runs with `runs` seeds, at least one, from the configured one on, and writes all files."""
     from ..evaluation import evaluate
-    from ..health import health_warning
     from ..outputs import write_outputs
     from ..runner import run_many
 
     seeds = range(config["seed"], config["seed"] + runs)
-    first: RunResult | None = None
     others: list[Metrics] = []
-    interrupted = False
     with progress_bar(log.name) as advance:
-        for found in run_many(log, config, seeds=seeds, progress=advance):
-            result = replace(found, findings=tuple(finding.to_dict() for finding in findings))
+        results = run_many(log, config, seeds=seeds, progress=advance)
+        first = replace(next(results), findings=tuple(finding.to_dict() for finding in findings))
+        interrupted = first.interrupted
+        # Kept safe at once when further runs, which may fail, are to come.
+        metrics = write_outputs(first, log, folder, report=False)
+        for result in results:
             interrupted = result.interrupted
-            if first is None:
-                first = result
-                # Kept safe at once when further runs, which may fail, are to come.
-                metrics = write_outputs(result, log, folder, report=False)
-            elif not interrupted:
+            if not interrupted:
                 others.append(evaluate(result, log))
-    if first is None:
-        return
     if report or others:
         metrics = write_outputs(first, log, folder, report=report, other_runs=others)
-    console = stdout()
-    console.print(summary_table(log.name, [metrics, *others]) if others else metrics_table(log.name, metrics))
-    unhealthy = health_warning(first.steps)
-    for warning in (*first.warnings, *(() if unhealthy is None else (unhealthy,))):
-        stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
-    _announce(folder, report=report, interrupted=interrupted)
+    return Finished(first, [metrics, *others], folder, report, interrupted)
 
 
-def _announce(folder: Path, *, report: bool, interrupted: bool) -> None:
-    console = stdout()
-    console.print(f"results: {folder}", soft_wrap=True, highlight=False, markup=False)
-    if report:
-        console.print(f"report:  {folder / 'report.html'}", soft_wrap=True, highlight=False, markup=False)
-    if interrupted:
+def show(finished: Finished, *, json: bool = False) -> None:
+    """Prints tables, warnings and where the files lie, or all of it as one JSON object."""
+    if json:
+        typer.echo(as_document(_json(finished)), nl=False)
+    else:
+        name, console = finished.result.log_name, stdout()
+        several = len(finished.metrics) > 1
+        console.print(
+            summary_table(name, finished.metrics) if several else metrics_table(name, finished.metrics[0])
+        )
+        for warning in finished.warnings:
+            stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
+        console.print(f"results: {finished.folder}", soft_wrap=True, highlight=False, markup=False)
+        if finished.report:
+            page = finished.folder / "report.html"
+            console.print(f"report:  {page}", soft_wrap=True, highlight=False, markup=False)
+    if finished.interrupted:
         stderr().print("interrupted: the results end where the run was stopped")
         raise typer.Exit(INTERRUPTED)
+
+
+def _json(finished: Finished) -> str:
+    from ..resultfiles import to_json
+
+    facts = {
+        "log": finished.result.log_name,
+        "results": str(finished.folder),
+        "report": str(finished.folder / "report.html") if finished.report else None,
+        "interrupted": finished.interrupted,
+        "warnings": finished.warnings,
+        "findings": finished.result.findings,
+        "metrics": finished.metrics[0],
+    }
+    return to_json({**facts, "runs": finished.metrics} if len(finished.metrics) > 1 else facts)

@@ -1,0 +1,81 @@
+"""Consoles that cannot write every sign, narrow ones, and output for other programs."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import fastslam as package
+import pytest
+from fastslam.cli.encoding import to_ascii
+from fastslam.config import Config, load_config
+from small_log import write_small_log
+
+
+def run(*arguments: object, **env: str) -> subprocess.CompletedProcess[bytes]:
+    """`python -m fastslam ARGUMENTS` in a process of its own, without a terminal."""
+    command = [sys.executable, "-m", "fastslam", *(str(argument) for argument in arguments)]
+    done = subprocess.run(command, capture_output=True, env={**os.environ, **env}, check=False)
+    assert done.returncode == 0, done.stderr
+    assert b"Traceback" not in done.stderr
+    return done
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "cp437", "utf-8"])
+def test_a_dumped_configuration_can_be_read_whatever_the_code_page(encoding: str, tmp_path: Path) -> None:
+    file = tmp_path / "settings.yaml"
+    file.write_bytes(run("config", "dump", "--set", "filter.particles=7", PYTHONIOENCODING=encoding).stdout)
+    settings = load_config(file)
+    assert settings["filter"]["particles"] == 7
+    assert dict(Config.resolve(settings)) == dict(Config.resolve({"filter": {"particles": 7}}))
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+def test_tables_fall_back_to_ascii(encoding: str) -> None:
+    text = run("config", "explain", PYTHONIOENCODING=encoding).stdout.decode(encoding)
+    assert "filter.particles" in text and "|" in text
+    assert "?" not in text.replace("?)", "")
+
+
+def test_a_folder_whose_name_no_code_page_knows(tmp_path: Path) -> None:
+    log = write_small_log(tmp_path / "log", steps=60)
+    out = tmp_path / "out_λ→ü"
+    text = run("run", log, "--out", out, "--no-report", PYTHONIOENCODING="cp1252").stdout.decode("cp1252")
+    assert "out_?->ü" in text and (out / "metrics.json").exists()
+
+
+def test_signs_in_ascii() -> None:
+    assert to_ascii("σ ≤ 3 m² ± é, ⌊x⌋") == "sigma <= 3 m2 +- e, [x]"
+    assert to_ascii("漢") == "?"
+    assert to_ascii("plain") == "plain"
+
+
+@pytest.mark.parametrize("columns", [60, 90])
+def test_tables_follow_the_width_that_is_asked_for(columns: int) -> None:
+    done = run("config", "explain", "filter", COLUMNS=str(columns), PYTHONIOENCODING="utf-8")
+    widths = [len(line) for line in done.stdout.decode().splitlines()]
+    assert len(widths) > 20 and max(widths) == columns
+
+
+def test_no_color_and_the_module_name() -> None:
+    assert run("--version").stdout.decode() == f"fastslam {package.__version__}\n"
+    done = run("config", "explain", "seed", NO_COLOR="1", FORCE_COLOR="1", PYTHONIOENCODING="utf-8")
+    assert b"seed" in done.stdout and b"\x1b[3" not in done.stdout
+
+
+def test_completion_can_be_installed() -> None:
+    done = run("--show-completion", "bash", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+    assert b"complete -o" in done.stdout
+
+
+def test_run_prints_one_object(tmp_path: Path) -> None:
+    log = write_small_log(tmp_path / "log", steps=120)
+    done = run("run", log, "--out", tmp_path / "out", "--no-report", "--runs", "2", "--json")
+    found = json.loads(done.stdout)
+    assert found["results"] == str(tmp_path / "out") and found["report"] is None
+    assert found["interrupted"] is False and isinstance(found["warnings"], list)
+    assert found["metrics"] == json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
+    assert len(found["runs"]) == 2 and found["runs"][0] == found["metrics"]
