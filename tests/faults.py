@@ -73,3 +73,11 @@ def _chosen(sightings: Sightings, keep: Bools) -> Sightings:
         class_index=sightings.class_index[keep],
         signature=sightings.signature[keep],
     )
+
+
+def with_removed_landmarks(log: Log, *, at_s: float, fraction: float, seed: int) -> Log:
+    """From a moment on a fraction of the landmarks is gone."""
+    names = np.unique(log.sightings.identity)
+    gone = np.random.default_rng(seed).choice(names, round(fraction * len(names)), replace=False)
+    keep = (log.sightings.stamp_s < at_s) | ~np.isin(log.sightings.identity, gone)
+    return replace(log, sightings=_chosen(log.sightings, keep))

@@ -103,8 +103,8 @@ def test_bad_calls_are_refused() -> None:
         robot.update(0.0, range_m=[1.0, 2.0], bearing_rad=[0.0])
     with pytest.raises(DataError, match="equal numbers"):
         robot.update(0.0, range_m=[1.0, 2.0], bearing_rad=[0.0, 0.1], identity=["one"])
-    with pytest.raises(DataError, match="identity: got -1, expected a name"):
-        robot.update(0.0, range_m=[1.0], bearing_rad=[0.0], identity=[-1])
+    with pytest.raises(DataError, match="identity: got -2, expected a name"):
+        robot.update(0.0, range_m=[1.0], bearing_rad=[0.0], identity=[-2])
     with pytest.raises(DataError, match="n x 3"):
         robot.update(0.0, range_m=[1.0, 2.0], bearing_rad=[0.0, 0.1], covariance=[[0.1, 0.0, 0.1]])
     robot.update(2.0, range_m=[1.0], bearing_rad=[0.0], identity=["one"])

@@ -133,7 +133,7 @@ def test_codes_and_names_of_reasons_agree() -> None:
     assert has_reason(codes, "no_sightings").tolist() == [False, True, True]
 
 
-@pytest.mark.parametrize("key", ["window_steps", "longest_blindness_s", "largest_innovation_ratio"])
+@pytest.mark.parametrize("key", ["window_scans", "longest_blindness_s", "largest_innovation_ratio"])
 def test_bad_settings_are_errors_that_name_the_key(key: str) -> None:
     with pytest.raises(fastslam.errors.ConfigError, match=f"health.{key}"):
         FastSlam({"health": {key: 0}})

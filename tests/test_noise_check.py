@@ -35,17 +35,27 @@ def test_right_noise_is_not_complained_about(algorithm: str, association: str) -
     [
         (
             {"sensor": {"range_std_m": 0.04}},
-            ("range innovations", "sensor.range_std_m", "raise it to about 0."),
+            ("range innovations", "sensor.range_std_m", "raise sensor.range_std_m to about 0."),
         ),
         (
             {"sensor": {"range_std_m": 0.2}},
-            ("range innovations", "sensor.range_std_m", "lower it to about 0."),
+            ("range innovations", "sensor.range_std_m", "lower sensor.range_std_m to about 0."),
         ),
-        ({"sensor": {"bearing_std_rad": 0.006}}, ("bearing innovations", "bearing_std_rad", "raise it")),
-        ({"sensor": {"bearing_std_rad": 0.06}}, ("bearing innovations", "bearing_std_rad", "lower it")),
+        (
+            {"sensor": {"bearing_std_rad": 0.006}},
+            ("bearing innovations", "bearing_std_rad", "raise sensor.bearing_std_rad"),
+        ),
+        (
+            {"sensor": {"bearing_std_rad": 0.06}},
+            ("bearing innovations", "bearing_std_rad", "lower sensor.bearing_std_rad"),
+        ),
         (
             {"motion": {"speed_std_m_per_s": 1.0, "yaw_rate_std_rad_per_s": 0.5}},
-            ("the odometry is off", "`motion`", "lower its standard deviations"),
+            (
+                "the odometry's speed is off",
+                "motion.speed_std_m_per_s",
+                "lower motion.speed_std_m_per_s to about",
+            ),
         ),
     ],
 )
@@ -63,15 +73,18 @@ def test_odometry_that_is_worse_than_its_noise_is_blamed_on_it() -> None:
     # Scans 1 s apart: at 5 Hz the motion between two scans is so certain that its noise hardly shows. Only
     # FastSLAM 2.0: the particles of 1.0 cannot follow, the map goes wrong, and every noise looks too small.
     found = warnings(loop(1.0), {"motion": {"speed_std_m_per_s": 0.03, "yaw_rate_std_rad_per_s": 0.015}})
-    assert any("the odometry is off" in text and "raise its standard deviations" in text for text in found), (
-        found
-    )
+    raised = [
+        key
+        for key in ("speed_std_m_per_s", "yaw_rate_std_rad_per_s")
+        if f"raise motion.{key}" in "".join(found)
+    ]
+    assert raised and not any("lower" in text for text in found), found
 
 
 def test_the_suggested_value_is_near_the_true_one() -> None:
     for configured in (0.05, 0.2):
         result = fastslam.run(loop(), {"sensor": {"range_std_m": configured}, "filter": {"particles": 50}})
-        factor, low, high = result.noise["range_std_factor"]
+        factor, low, high = result.noise["std_factors"]["sensor.range_std_m"]
         # One step of scoring from half or twice the truth errs by less than 15 %.
         assert abs(configured * factor / 0.1 - 1.0) < 0.15, (configured, factor, low, high)
 
@@ -81,5 +94,5 @@ def test_steps_carry_the_warning_once_the_window_is_full_enough() -> None:
     seen = {"bearing_rad": [0.3, -0.5, 1.0, 2.0], "identity": ["a", "b", "c", "d"]}
     infos = [filter_.step([0.0, 0.0], dt_s=0.2, range_m=[4.0, 5.0, 6.0, 7.0], **seen) for _ in range(300)]
     assert infos[20].warnings == ()
-    assert any("lower it" in warning and "sensor.range_std_m" in warning for warning in infos[-1].warnings)
+    assert any("lower sensor.range_std_m" in warning for warning in infos[-1].warnings)
     assert infos[-1].nis < infos[-1].nis_band[0] < 2.0 < infos[-1].nis_band[1]

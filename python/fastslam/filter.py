@@ -14,12 +14,15 @@ from . import _core
 from .config import Config
 from .errors import DataError, NumericalError
 from .health import reason_names, status_name
+from .identity import nobody_knows
 from .log import Floats, Ints
+from .noise import noise_sentences
 from .result import LandmarkMap, Trajectory
 from .settings import Layer
 
-Identity = str | int | None
-"""Name or number (from 0) of a landmark; None where nobody says which one it is."""
+Identity = str | float | None
+"""Name or number (from 0) of a landmark; None, -1, NaN and some words where nobody says which one it is
+(`fastslam.identity.NOBODY_KNOWS`)."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class FastSlam:
         self._stamp_s = self._updated_s = stamp_s
         columns["health"] = status_name(columns["health"])
         columns["health_reasons"] = reason_names(columns["health_reasons"])
-        columns["warnings"] = tuple(columns["warnings"])
+        columns["warnings"] = noise_sentences(columns["warnings"], self.config)
         return StepInfo(**columns)
 
     def rejuvenate(self) -> bool:
@@ -190,11 +193,13 @@ class FastSlam:
 
 
 def _name(identity: Identity) -> str | None:
-    """A landmark's name as text; -1, which logs use for nobody says, must not become a name."""
-    if identity is None:
+    """A landmark's name as text; what logs write for nobody knows must not become a name."""
+    if identity is None or (
+        isinstance(identity, str | float | int | np.number) and nobody_knows(str(identity))
+    ):
         return None
     number = isinstance(identity, int | np.integer) and not isinstance(identity, bool)
-    if (isinstance(identity, str) and identity) or (number and int(identity) >= 0):
+    if isinstance(identity, str) or (number and int(identity) >= 0):
         return str(identity)
     raise DataError(f"identity: got {identity!r}, expected a name, a number from 0, or None for unknown")
 

@@ -12,10 +12,10 @@ from string import Template
 from .evaluation import Evaluation, Metrics, evaluate_run, flatten
 from .evaluation.display import MetricRow, format_metric, format_number, metric_rows, summary_rows
 from .evaluation.metrics import METRIC_UNITS, particle_count
-from .health import health_warning
 from .log import Log
 from .result import RunResult
 from .resultfiles import config_yaml, write_atomically
+from .verdict import warnings_of
 
 REPORT_FILE = "report.html"
 
@@ -99,9 +99,7 @@ def _warnings(result: RunResult, found: Evaluation) -> str:
         texts.append("This run was stopped before the end of the log; everything here is up to that point.")
     if len(result.steps.stamp_s) == 0:
         texts.append("The log gave the filter no step, so there is no map and no path.")
-    unhealthy = health_warning(result.steps)
-    warnings = (*result.warnings, *(() if unhealthy is None else (unhealthy,)))
-    texts.extend(f"{warning[:1].upper()}{warning[1:]}." for warning in warnings)
+    texts.extend(f"{warning[:1].upper()}{warning[1:]}." for warning in warnings_of(result))
     undetermined = [name for name, value in found.metrics.items() if value is None and name in METRIC_UNITS]
     if undetermined:
         texts.append("Not determined in this run: " + ", ".join(undetermined) + ".")

@@ -101,6 +101,8 @@ class RunResult:
     """What the maps of all particles (the joint covariance of EKF-SLAM) occupy at the end."""
     counts: dict[str, int] = field(default_factory=dict)
     """Skips and repairs that were counted: name to number."""
+    verdict: tuple[str, ...] = ()
+    """What the run comes to where that is less than a map and a path, and why; a sentence each."""
     warnings: tuple[str, ...] = ()
     """What the innovations of the run say against the configured noise, a sentence each."""
     findings: tuple[dict[str, str], ...] = ()

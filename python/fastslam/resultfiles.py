@@ -168,6 +168,7 @@ def read_result(folder: Path | str) -> RunResult:
         map_bytes=facts["map_bytes"],
         interrupted=facts["interrupted"],
         counts=facts["counts"],
+        verdict=tuple(facts["verdict"]),
         warnings=tuple(facts["warnings"]),
         findings=tuple(facts.get("findings", ())),
         noise=facts["noise"],
@@ -220,6 +221,7 @@ def _run_facts(result: RunResult) -> dict[str, Any]:
         "map_bytes": int(result.map_bytes),
         "interrupted": bool(result.interrupted),
         "counts": dict(result.counts),
+        "verdict": list(result.verdict),
         "warnings": list(result.warnings),
         "findings": list(result.findings),
         "noise": dict(result.noise),
@@ -322,6 +324,10 @@ def _read_run_facts(path: Path) -> dict[str, Any]:
     kinds: dict[str, Any] = {"version": str, "log": str, "filter_seconds": (int, float)}
     kinds |= {"peak_memory_bytes": int, "map_rows": int, "map_bytes": int}
     kinds |= {"interrupted": bool, "counts": dict, "warnings": list, "noise": dict}
+    if isinstance(facts, dict):
+        # Results of earlier versions have none.
+        facts.setdefault("verdict", [])
+        kinds["verdict"] = list
     for name, kind in kinds.items():
         if not isinstance(facts, dict) or not isinstance(facts.get(name), kind):
             raise DataError(f"`{name}` is missing or of the wrong type", path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -16,9 +16,11 @@ from .detection import with_sightings
 from .errors import ConfigError, DataError, NumericalError
 from .filter import landmark_map
 from .log import Log
+from .noise import noise_sentences
 from .result import RunResult, Steps, Trajectory
 from .settings import Layer
 from .timing import stage
+from .verdict import named_twice, verdict
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called a few times a second with (steps done, steps in all)."""
@@ -107,6 +109,7 @@ def run(
     except RuntimeError as error:
         raise NumericalError(str(error)) from None
     result = _result(columns, log, configuration)
+    result = replace(result, verdict=verdict(result, log, columns["two_places"]))
     if progress is not None and not result.interrupted:
         # The core counts up to a bound, which gaps and empty scans keep it from reaching.
         progress(len(result.steps.stamp_s), len(result.steps.stamp_s))
@@ -148,8 +151,10 @@ def _result(columns: dict[str, Any], log: Log, config: Config) -> RunResult:
         interrupted=columns["interrupted"],
         map_rows=columns["store_rows"],
         map_bytes=columns["store_bytes"],
-        counts=columns["skipped"] | {"landmark_covariances_repaired": columns["covariances_repaired"]},
-        warnings=tuple(columns["warnings"]),
+        counts=columns["skipped"]
+        | {"landmark_covariances_repaired": columns["covariances_repaired"]}
+        | {"sightings_named_twice_in_a_scan": named_twice(log.sightings)},
+        warnings=noise_sentences(columns["warnings"], config),
         noise=columns["noise"],
     )
 

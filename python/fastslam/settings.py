@@ -20,6 +20,12 @@ Layer: TypeAlias = Mapping[str, Any]
 """Partial settings: nested mappings as they stand in a file."""
 
 
+RENAMED = {
+    "health.window_steps": "health.window_scans",
+}
+"""Keys of earlier versions and what they are called now, with the same values."""
+
+
 class Settings(Mapping[str, Any]):
     """Complete settings: every key of the schema is present and every value has been checked."""
 
@@ -172,6 +178,8 @@ class Schema:
         parts = key.split(".")
         if key in self.descriptions or any(".".join(parts[:n]) in self._leaves for n in range(1, len(parts))):
             return
+        if RENAMED.get(key) in self.descriptions:
+            raise ConfigError(f"{where}{key}: is called {RENAMED[key]} now, for it counts scans")
         nearest = suggestion(key, self.descriptions)
         hint = f"did you mean {nearest}?" if nearest else f"see `{self._explained_by}`"
         raise ConfigError(f"{where}{key}: unknown key; {hint}")

@@ -40,8 +40,8 @@ pub struct Config {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct HealthConfig {
-    /// Steps with sightings over which most of what follows is averaged.
-    pub window_steps: u32,
+    /// Scans (steps with sightings) over which most of what follows is averaged.
+    pub window_scans: u32,
     /// Degraded when squared innovations, normalised, are on average this many times what the noise explains; lost
     /// from four times as many.
     pub largest_innovation_ratio: f64,
@@ -64,7 +64,7 @@ pub struct HealthConfig {
 impl Default for HealthConfig {
     fn default() -> Self {
         Self {
-            window_steps: 20,
+            window_scans: 20,
             largest_innovation_ratio: 4.0,
             smallest_effective_fraction: 0.02,
             longest_blindness_s: 10.0,
@@ -118,8 +118,8 @@ impl Config {
 
 impl HealthConfig {
     fn validate(&self) -> Result<()> {
-        if self.window_steps == 0 {
-            return Err(Error::parameter("window_steps", 0, "at least 1"));
+        if self.window_scans == 0 {
+            return Err(Error::parameter("window_scans", 0, "at least 1"));
         }
         positive("largest_innovation_ratio", self.largest_innovation_ratio)?;
         fraction("smallest_effective_fraction", self.smallest_effective_fraction)?;

@@ -1,7 +1,7 @@
 //! A whole log through the filter, in one call.
 
 use crate::config::Config;
-use crate::diagnosis::NoiseReport;
+use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::error::Result;
 use crate::filter::{Identities, MapEstimate, PoseEstimate, Skipped, StepInfo};
 use crate::geometry::Pose;
@@ -45,6 +45,8 @@ pub struct RunOutput {
     pub repaired: u64,
     /// What the innovations of the run say of the configured noise.
     pub noise: NoiseReport,
+    /// Names that were seen at two places.
+    pub two_places: Vec<TwoPlaces>,
     /// What the maps occupy at the end.
     pub usage: StoreUsage,
     /// Computing time of all steps, seconds.
@@ -93,6 +95,7 @@ pub fn run(config: &Config, log: &LogData, observer: &mut dyn Observer) -> Resul
     out.map = filter.map();
     out.usage = filter.usage();
     out.noise = filter.noise_report();
+    out.two_places = filter.two_places();
     Ok(out)
 }
 

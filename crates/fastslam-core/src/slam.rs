@@ -1,7 +1,7 @@
 //! What every filter can do, so that a run over a log need not know which one it has.
 
 use crate::config::{Algorithm, Config};
-use crate::diagnosis::NoiseReport;
+use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::ekf_slam::EkfSlam;
 use crate::error::Result;
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Sighting, StepInfo};
@@ -34,6 +34,8 @@ pub trait Slam: Send + Sync {
     fn usage(&self) -> StoreUsage;
     /// What the innovations so far say of the configured noise.
     fn noise_report(&self) -> NoiseReport;
+    /// Names that were seen at two places so far.
+    fn two_places(&self) -> Vec<TwoPlaces>;
 }
 
 /// The configured filter at its initial pose with an empty map.
@@ -80,6 +82,9 @@ impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
     fn noise_report(&self) -> NoiseReport {
         FastSlam::noise_report(self)
     }
+    fn two_places(&self) -> Vec<TwoPlaces> {
+        FastSlam::two_places(self)
+    }
 }
 
 impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
@@ -115,5 +120,8 @@ impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
     }
     fn noise_report(&self) -> NoiseReport {
         EkfSlam::noise_report(self)
+    }
+    fn two_places(&self) -> Vec<TwoPlaces> {
+        EkfSlam::two_places(self)
     }
 }

@@ -73,7 +73,7 @@ impl Filter {
         dict.set_item("nis_band", (info.nis_band[0], info.nis_band[1]))?;
         dict.set_item("health", info.health.status as u8)?;
         dict.set_item("health_reasons", info.health.reasons)?;
-        dict.set_item("warnings", info.noise_warnings.sentences(&self.config))?;
+        dict.set_item("warnings", crate::noise::warnings(py, &info.noise_warnings, &self.config.motion)?)?;
         let skipped = info.skipped;
         let unusable = skipped.not_finite + skipped.too_near + skipped.too_far;
         dict.set_item("skipped", unusable + skipped.without_identity + skipped.bad_covariance)?;

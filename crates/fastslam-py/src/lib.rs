@@ -5,6 +5,7 @@ mod arrays;
 mod config;
 mod detect;
 mod filter;
+mod noise;
 mod run;
 mod settings;
 mod simulation;

@@ -1,9 +1,8 @@
 //! A whole log in one call.
 
 use crate::settings::to_python;
-use crate::{arrays, config};
+use crate::{arrays, config, noise};
 use fastslam_core::config::Config;
-use fastslam_core::diagnosis::NoiseReport;
 use fastslam_core::filter::MapEstimate;
 use fastslam_core::run::{Observer, RunOutput, StepRecord};
 use fastslam_core::timeline::{LogData, Timeline};
@@ -115,8 +114,9 @@ fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyResul
     dict.set_item("nis", column(&|s| s.info.nis))?;
     dict.set_item("health", counts(&|s| s.info.health.status as i64))?;
     dict.set_item("health_reasons", counts(&|s| s.info.health.reasons.into()))?;
-    dict.set_item("warnings", output.noise.warnings.sentences(config))?;
-    dict.set_item("noise", noise_to_dict(py, &output.noise)?)?;
+    dict.set_item("warnings", noise::warnings(py, &output.noise.warnings, &config.motion)?)?;
+    dict.set_item("noise", noise::report(py, &output.noise, &config.motion)?)?;
+    dict.set_item("two_places", noise::two_places(&output.two_places))?;
     dict.set_item("covariances_repaired", output.repaired)?;
     let smoothed = &output.smoothed;
     dict.set_item("smoothed_stamp_s", smoothed.iter().map(|n| n.0).collect::<Vec<_>>().into_pyarray(py))?;
@@ -136,23 +136,6 @@ fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyResul
     let fell_back: u64 = steps.iter().map(|s| u64::from(s.info.fell_back)).sum();
     skipped.set_item("joint_association_fallbacks", fell_back)?;
     dict.set_item("skipped", skipped)?;
-    Ok(dict)
-}
-
-/// What the innovations of a run say: NaN where they do not.
-fn noise_to_dict<'py>(py: Python<'py>, noise: &NoiseReport) -> PyResult<Bound<'py, PyDict>> {
-    let dict = PyDict::new(py);
-    dict.set_item("scans", noise.scans)?;
-    dict.set_item("sightings", noise.sightings)?;
-    dict.set_item("nis", noise.nis)?;
-    dict.set_item("nis_band", (noise.band[0], noise.band[1]))?;
-    dict.set_item("range_nis", noise.of_component[0])?;
-    dict.set_item("bearing_nis", noise.of_component[1])?;
-    dict.set_item("correlated_scans", noise.correlated_scans)?;
-    for (name, factor) in ["range", "bearing", "motion"].into_iter().zip(noise.std_factors) {
-        let [value, low, high] = factor.unwrap_or([f64::NAN; 3]);
-        dict.set_item(format!("{name}_std_factor"), (value, low, high))?;
-    }
     Ok(dict)
 }
 

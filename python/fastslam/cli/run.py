@@ -12,7 +12,7 @@ from ..errors import DataError
 from ..timing import stage
 from .console import progress_bar, stderr, stdout
 from .encoding import as_document
-from .errors import INTERRUPTED
+from .errors import INTERRUPTED, RUN_FAILED
 from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings, Verbose
 from .output import LogReference, metrics_table, summary_table, write_log_reference
 from .times import times_shown
@@ -146,10 +146,16 @@ class Finished:
     @property
     def warnings(self) -> list[str]:
         """What speaks against the first run, a sentence each."""
-        from ..health import health_warning
+        from ..verdict import warnings_of
 
-        unhealthy = health_warning(self.result.steps)
-        return [*self.result.warnings, *([] if unhealthy is None else [unhealthy])]
+        return list(warnings_of(self.result))
+
+    @property
+    def mapped_nothing(self) -> bool:
+        """Whether the first run made no map at all."""
+        from ..verdict import is_empty
+
+        return is_empty(self.result)
 
 
 def run_all(
@@ -202,6 +208,8 @@ def show(finished: Finished, *, json: bool = False) -> None:
     if finished.interrupted:
         stderr().print("interrupted: the results end where the run was stopped")
         raise typer.Exit(INTERRUPTED)
+    if finished.mapped_nothing:
+        raise typer.Exit(RUN_FAILED)
 
 
 def _json(finished: Finished) -> str:

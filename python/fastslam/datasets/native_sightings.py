@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import DataError
+from ..identity import nobody_knows
 from ..log import Floats, Ints, Problem, Sightings
 from .clean import clean_sightings
 from .columns import Quantity, name_columns
@@ -56,7 +57,7 @@ def read_sightings(path: Path) -> SightingsFile:
     """The sightings, polar or Cartesian, in any of the dialects. Errors: DataError with file and line."""
     table = name_columns(read_csv(path, example=EXAMPLE, allow_empty=True), QUANTITIES, ignored=IGNORED)
     cartesian = _is_cartesian(table)
-    identity, identity_names = _labels(table, "landmark_id")
+    identity, identity_names = _named(*_labels(table, "landmark_id"))
     class_index, class_names = _labels(table, "class")
     signature: Floats = np.full(len(table.lines), np.nan)
     if "signature" in table.index_of:
@@ -102,6 +103,13 @@ def _labels(table: CsvTable, name: str) -> tuple[Ints, tuple[str, ...]]:
     if name in table.index_of:
         return table.labels(name)
     return np.full(len(table.lines), -1, dtype=np.int64), ()
+
+
+def _named(indices: Ints, names: tuple[str, ...]) -> tuple[Ints, tuple[str, ...]]:
+    """Identities without those words that say that nobody knows."""
+    known = [not nobody_knows(name) for name in names]
+    new_index = np.append(np.where(known, np.cumsum(known) - 1, -1), -1).astype(np.int64)
+    return new_index[indices], tuple(name for name, is_known in zip(names, known, strict=True) if is_known)
 
 
 def _given(table: CsvTable) -> tuple[Floats, Floats]:

@@ -1,5 +1,6 @@
 //! Whether the filter can still be believed, and if not, why.
 
+use super::names::Names;
 use super::noise::NoiseCheck;
 use crate::config::{Config, HealthConfig};
 use crate::geometry::{Matrix3, Pose};
@@ -81,17 +82,64 @@ pub(crate) struct Vitals {
     pub pose_covariance: Matrix3,
     /// Landmarks ever created before the step.
     pub births_before: u64,
+    /// Whether every sighting names its landmark: then one of a new landmark is explained by its name.
+    pub names_known: bool,
     /// Of the last examined scan, where one was.
     pub map_in_view: Option<MapInView>,
 }
 
 /// Landmarks of the best particle's map that a scan should have shown.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct MapInView {
-    /// How many.
-    pub expected: u32,
-    /// How many of these it showed.
+    /// How many are in view.
+    pub landmarks: u32,
+    /// How many of these a scan shows that is like those before: the sum of how often each was sighted.
+    pub expected: f64,
+    /// How many it showed.
     pub sighted: u32,
+}
+
+/// How often each landmark was looked for, and sighted.
+///
+/// **Why:** a post behind a car is missed half of the time, and a map is not stale for that: each landmark is held to
+/// what it used to be, whatever the others are.
+#[derive(Clone, Debug, Default)]
+struct Looks {
+    /// By birth: looks, and how many of them found it.
+    of_landmark: Vec<[u32; 2]>,
+    /// The same of all together.
+    of_all: [f64; 2],
+    /// Where the last one was taken from.
+    last: Option<Pose>,
+}
+
+/// A landmark that is in view.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct InView {
+    /// Running number of its creation.
+    pub birth: u64,
+    /// Whether the scan shows it.
+    pub sighted: bool,
+}
+
+impl Looks {
+    /// Takes note of a look; returns the share of looks like it that found the landmark before.
+    fn add(&mut self, InView { birth, sighted }: InView) -> f64 {
+        let place = birth as usize;
+        if self.of_landmark.len() <= place {
+            self.of_landmark.resize(place + 1, [0; 2]);
+        }
+        // One that was hardly looked for is taken to be like the others.
+        let usual = if self.of_all[0] > 0.0 { self.of_all[1] / self.of_all[0] } else { 0.5 };
+        let [looks, found] = self.of_landmark[place].map(f64::from);
+        let share = (found + LOOKS_LIKE_OTHERS * usual) / (looks + LOOKS_LIKE_OTHERS);
+        for (count, more) in self.of_landmark[place].iter_mut().zip([true, sighted]) {
+            *count += u32::from(more);
+        }
+        self.of_all[0] += 1.0;
+        self.of_all[1] += f64::from(u8::from(sighted));
+        share
+    }
 }
 
 /// Where a sensor surely sees.
@@ -127,6 +175,13 @@ impl View {
     }
 }
 
+/// One scan in so many is examined.
+///
+/// **Why:** an examination costs as much as about a hundred sightings of a particle, and neighbouring scans tell the
+/// same story; those far apart in time do not.
+const EXAMINED_EVERY: u64 = 4;
+/// A scan that comes so long after the last examined one is examined too.
+const LONGEST_UNEXAMINED_S: f64 = 0.75;
 /// Places of landmarks seen lately that are remembered.
 const REMEMBERED: usize = 48;
 /// Examined scans over which innovations are averaged.
@@ -140,13 +195,22 @@ const LARGEST_MATCHED_FRACTION_OF_A_TEAR: f64 = 0.1;
 /// Scans after a tear from which on the robot counts as lost.
 const TORN_SCANS: u32 = 3;
 /// A map of which so few landmarks were expected lately says nothing about its age.
-const EXPECTED_LATELY_MIN: f64 = 3.0;
-/// Looks at the map from which the usual share of sighted landmarks is learnt.
+const EXPECTED_LATELY_MIN: f64 = 2.0;
+/// Blindness is no news up to so many times the longest from which the filter came back.
+const BLIND_AGAIN: f64 = 1.5;
+/// Looks at the map from which it is known what is usual.
 const VIEWS_TO_LEARN: f64 = 20.0;
+/// Motion from one look at the map to the next: a fraction of how far the sensor sees, and a turn.
+///
+/// **Why:** what a robot that stands does not see it will not see in the next scan either; that is one observation.
+const LOOK_AGAIN_REACH: f64 = 0.02;
+const LOOK_AGAIN_RAD: f64 = 0.1;
+/// Looks at a landmark that weigh as much as what is known of the others.
+const LOOKS_LIKE_OTHERS: f64 = 2.0;
 
-/// Weight of the newest step in a moving average over about `window_steps` of them.
-fn newest(window_steps: u32) -> f64 {
-    2.0 / (f64::from(window_steps) + 1.0)
+/// Weight of the newest scan in a moving average over about `window_scans` of them.
+fn newest(window_scans: u32) -> f64 {
+    2.0 / (f64::from(window_scans) + 1.0)
 }
 
 /// The scan at which the filter lost touch with its map: none of it fitted where known landmarks should have been.
@@ -168,6 +232,8 @@ pub(crate) struct Watch {
     view: View,
     /// The innovations so far.
     pub noise: NoiseCheck,
+    /// Names that may be wrong.
+    pub names: Names,
     /// Sightings of the step that showed known landmarks, as measured, and the births of these; and how many sightings
     /// there were.
     matches: Vec<([f64; 2], u64)>,
@@ -175,16 +241,23 @@ pub(crate) struct Watch {
     /// Where landmarks were seen lately.
     places: VecDeque<[f64; 2]>,
     scans_matched: u32,
+    /// Scans so far, those examined, and when the last of these was.
+    scans: u64,
+    examinations: u64,
+    examined_s: f64,
+    examines: bool,
     torn: Option<Torn>,
     last_sighting_s: Option<f64>,
+    /// Longest time without sightings after which known landmarks were sighted.
+    longest_survived_s: f64,
     /// Moving averages: effective share of the particles; unexplained share of the sightings.
     effective: f64,
     unexplained: f64,
-    /// Moving sums of landmarks that should have been seen and were, and their ratio over the whole run.
+    /// Moving averages of the landmarks that should have been sighted and were.
     expected: f64,
     sighted: f64,
-    usual_ratio: f64,
     views: f64,
+    looks: Looks,
 }
 
 impl Watch {
@@ -194,19 +267,46 @@ impl Watch {
             settings,
             view,
             noise: NoiseCheck::default(),
+            names: Names::default(),
             matches: Vec::new(),
             sightings: 0,
             places: VecDeque::new(),
             scans_matched: 0,
+            scans: 0,
+            examinations: 0,
+            examined_s: f64::NEG_INFINITY,
+            examines: false,
             torn: None,
             last_sighting_s: None,
+            longest_survived_s: 0.0,
             effective: 1.0,
             unexplained: 0.0,
             expected: 0.0,
             sighted: 0.0,
-            usual_ratio: 0.0,
             views: 0.0,
+            looks: Looks::default(),
         }
+    }
+
+    /// Begins a step with so many sightings; a scan is a step with some.
+    pub fn begin(&mut self, stamp_s: f64, sightings: u32) {
+        let due = self.scans.is_multiple_of(EXAMINED_EVERY) || stamp_s - self.examined_s >= LONGEST_UNEXAMINED_S;
+        self.examines = sightings > 0 && due;
+        self.scans += u64::from(sightings > 0);
+        if self.examines {
+            self.examinations += 1;
+            self.examined_s = stamp_s;
+        }
+    }
+
+    /// Whether the scan of this step is to be examined.
+    pub fn examines(&self) -> bool {
+        self.examines
+    }
+
+    /// Examinations so far.
+    pub fn examinations(&self) -> u64 {
+        self.examinations
     }
 
     /// Where the sensor surely sees.
@@ -244,15 +344,20 @@ impl Watch {
     pub fn judge(&mut self, vitals: &Vitals, place: impl Fn(Pose, [f64; 2]) -> [f64; 2]) -> Health {
         let settings = self.settings;
         let expected = self.places.iter().filter(|at| self.view.contains(vitals.T_world_robot, **at)).count();
-        let share = newest(settings.window_steps);
+        let share = newest(settings.window_scans);
         if self.sightings > 0 {
-            self.look_for_tears(expected, vitals.births_before);
+            if !vitals.names_known {
+                self.look_for_tears(expected, vitals.births_before);
+            }
             let unexplained = 1.0 - self.matches.len() as f64 / self.sightings as f64;
             // Unknown ground is no fault: only where known landmarks should be in view does an unexplained scan count.
-            let fault = if expected >= EXPECTED_MIN { unexplained } else { 0.0 };
+            let fault = if expected >= EXPECTED_MIN && !vitals.names_known { unexplained } else { 0.0 };
             self.unexplained += share * (fault - self.unexplained);
             self.effective += share * (vitals.effective_sample_size / vitals.particles as f64 - self.effective);
             self.scans_matched += u32::from(!self.matches.is_empty());
+            if let (Some(last_s), false) = (self.last_sighting_s, self.matches.is_empty()) {
+                self.longest_survived_s = self.longest_survived_s.max(vitals.stamp_s - last_s);
+            }
             self.last_sighting_s = Some(vitals.stamp_s);
         }
         if let Some(in_view) = vitals.map_in_view {
@@ -263,25 +368,40 @@ impl Watch {
     }
 
     fn count_view(&mut self, in_view: MapInView, share: f64) {
-        if in_view.expected == 0 {
+        if in_view.landmarks == 0 {
             return;
         }
         self.views += 1.0;
-        let (expected, sighted) = (f64::from(in_view.expected), f64::from(in_view.sighted));
         let recent = share.max(1.0 / self.views);
-        self.expected += recent * (expected - self.expected);
-        self.sighted += recent * (sighted - self.sighted);
-        // What is missed now must not become the custom.
-        if self.views < VIEWS_TO_LEARN || !self.is_stale() {
-            self.usual_ratio += (0.1 * share).max(1.0 / self.views) * (sighted / expected - self.usual_ratio);
-        }
+        self.expected += recent * (in_view.expected - self.expected);
+        self.sighted += recent * (f64::from(in_view.sighted) - self.sighted);
     }
 
-    /// Whether much less of the map is sighted than it used to be.
+    /// Whether a look at the map from here says anything new; then it counts as taken.
+    pub fn looks_from(&mut self, T_world_robot: Pose) -> bool {
+        let new = self.looks.last.is_none_or(|last| {
+            let moved = last.inverse().compose(T_world_robot);
+            let far = LOOK_AGAIN_REACH * self.view.far_m;
+            moved.x.hypot(moved.y) > far || crate::math::wrap_angle(moved.heading).abs() > LOOK_AGAIN_RAD
+        });
+        if new {
+            self.looks.last = Some(T_world_robot);
+        }
+        new
+    }
+
+    /// Takes note of whether a landmark that is in view was sighted, in what the scan shows of the map.
+    pub fn looked(&mut self, in_view: &mut MapInView, landmark: InView) {
+        in_view.landmarks += 1;
+        in_view.expected += self.looks.add(landmark);
+        in_view.sighted += u32::from(landmark.sighted);
+    }
+
+    /// Whether much less is sighted of the landmarks in view than used to be of the same ones.
     fn is_stale(&self) -> bool {
         self.views >= VIEWS_TO_LEARN
             && self.expected > EXPECTED_LATELY_MIN
-            && self.sighted < self.settings.smallest_detection_ratio * self.usual_ratio * self.expected
+            && self.sighted < self.settings.smallest_detection_ratio * self.expected
     }
 
     fn remember(&mut self, T_world_robot: Pose, place: impl Fn(Pose, [f64; 2]) -> [f64; 2]) {
@@ -311,7 +431,8 @@ impl Watch {
         let largest = settings.largest_innovation_ratio;
         note(HealthReason::InnovationsTooLarge, ratio > largest, ratio > 4.0 * largest);
         let blind_s = self.last_sighting_s.map_or(0.0, |last_s| vitals.stamp_s - last_s);
-        note(HealthReason::NoSightings, blind_s > settings.longest_blindness_s, false);
+        let longest_s = settings.longest_blindness_s.max(BLIND_AGAIN * self.longest_survived_s);
+        note(HealthReason::NoSightings, blind_s > longest_s, false);
         let limit = settings.largest_unexplained_fraction;
         let lost = self.unexplained > 0.5 * (1.0 + limit) || self.torn.is_some_and(|torn| torn.scans >= TORN_SCANS);
         let torn = self.torn.is_some();

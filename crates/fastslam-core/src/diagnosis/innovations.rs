@@ -1,27 +1,31 @@
 //! What the innovations of a scan say about the configured noise.
 //!
 //! The sightings of a scan are judged together, under the covariance S that the filter predicts for all of them: that
-//! of the mixture over the particles, the motion since the last scan included. S depends on three noises, those of
-//! range, of bearing and of the motion, and the scan says of each by the score of its variance whether it should have
-//! been larger or smaller. [`NoiseCheck`](super::noise::NoiseCheck) gathers the scores.
+//! of the mixture over the particles, the motion since the last scan included. S has a part S_k from each noise: range,
+//! bearing, and the coordinates in which the noise of the motion is independent. A scan says of each part what is
+//! there, q_k = νᵀ S⁻¹ S_k S⁻¹ ν, and what is expected when all noise is right, tr S⁻¹ S_k. [`NoiseCheck`] gathers both.
 //!
 //! Whatever moves all sightings of a scan as if the robot stood elsewhere may come from the motion, from a map that is
 //! off, or from particles that have died out. The sensor is therefore judged by what is left when the pose is free:
-//! with so much uncertainty of the pose added to S that no common shift counts.
+//! nothing at all of a single sighting.
+//!
+//! [`NoiseCheck`]: super::noise::NoiseCheck
+
+use crate::geometry::{multiply3, Matrix3};
 
 /// Sightings of a scan that are judged together.
 pub(crate) const JOINT_MAX: usize = 4;
 /// Numbers in as many sightings.
 const SIZE: usize = 2 * JOINT_MAX;
-/// Noises: range, bearing, motion.
-pub(crate) const NOISES: usize = 3;
-/// Of these, the sensor's.
+/// Noises of the sensor: range, bearing.
 pub(crate) const SENSOR_NOISES: usize = 2;
-/// Variances of a pose that is free: far above those of any sighting, not so far that digits are lost.
-const FREE_POSE_VARIANCE: [f64; 3] = [1e4, 1e4, 1e2];
-/// A scan counts as at most this many times what is expected of it, so that no single one decides: in the mean NIS, and
-/// in the scores, which say by how much.
+/// Noises of the motion: one per coordinate of a control.
+pub(crate) const MOTION_NOISES: usize = 3;
+/// One over the variances of a pose that is as good as free, metres and radians.
+const FREE_POSE_INFORMATION: [f64; 3] = [1e-4, 1e-4, 1e-2];
+/// A scan counts as at most this many times what is expected of it in the mean NIS, so that no single one decides.
 const LARGEST_RATIO: f64 = 25.0;
+/// The same in the scores, as a multiple of what scans of this run usually have.
 const LARGEST_SCORED_RATIO: f64 = 6.0;
 
 type Square = [[f64; SIZE]; SIZE];
@@ -35,12 +39,12 @@ pub(crate) struct PredictedScan {
     pub innovation: [f64; SIZE],
     /// S: covariance of the innovation.
     pub covariance: Square,
-    /// What the motion since the last scan adds to it.
-    pub motion: Square,
     /// Variances of the sensor's noise, range and bearing in turn.
     pub noise: [f64; SIZE],
     /// Derivative of each number by the robot's pose.
     pub by_pose: [[f64; 3]; SIZE],
+    /// What each noise of the motion since the last scan adds to the pose's covariance, in the world's axes.
+    pub motion: [Matrix3; MOTION_NOISES],
 }
 
 impl Default for PredictedScan {
@@ -49,10 +53,27 @@ impl Default for PredictedScan {
             size: 0,
             innovation: [0.0; SIZE],
             covariance: [[0.0; SIZE]; SIZE],
-            motion: [[0.0; SIZE]; SIZE],
             noise: [0.0; SIZE],
             by_pose: [[0.0; 3]; SIZE],
+            motion: [[[0.0; 3]; 3]; MOTION_NOISES],
         }
+    }
+}
+
+/// What some noises have in a scan, and what is expected of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Found<const K: usize> {
+    /// νᵀ S⁻¹ S_k S⁻¹ ν.
+    pub squares: [f64; K],
+    /// Its expectation when all noise is right: tr S⁻¹ S_k. At most the numbers in the scan.
+    pub expected: [f64; K],
+    /// What the noises themselves contribute to that: tr S⁻¹ S_k S⁻¹ S_l; twice Fisher's information.
+    pub shares: [[f64; K]; K],
+}
+
+impl<const K: usize> Default for Found<K> {
+    fn default() -> Self {
+        Self { squares: [0.0; K], expected: [0.0; K], shares: [[0.0; K]; K] }
     }
 }
 
@@ -65,104 +86,136 @@ pub(crate) struct ScanScore {
     pub nis: f64,
     /// Σ ν² / S of the ranges and of the bearings alone; one per sighting is expected.
     pub of_component: [f64; 2],
-    /// Derivative of the log-likelihood by the factor of each noise's variance.
-    pub score: [f64; NOISES],
-    /// Fisher's information about these factors.
-    pub information: [[f64; NOISES]; NOISES],
-    /// Score of the sensor's noises with the pose free.
-    pub sensor_score: [f64; SENSOR_NOISES],
-    /// Information about these with the pose free.
-    pub sensor_information: [[f64; SENSOR_NOISES]; SENSOR_NOISES],
-}
-
-/// Score and information under one covariance.
-struct Scored {
-    nis: f64,
-    score: [f64; NOISES],
-    information: [[f64; NOISES]; NOISES],
+    /// NIS over its expectation, nothing cut off: of the whole, and with the pose free (NaN where nothing is left then).
+    pub ratios: [f64; 2],
+    /// The sensor's noises, with the pose free.
+    pub sensor: Found<SENSOR_NOISES>,
+    /// The motion's noises.
+    pub motion: Found<MOTION_NOISES>,
+    /// tr S⁻¹ S_k S⁻¹ S_l with k of the motion, l of the sensor.
+    pub motion_by_sensor: [[f64; SENSOR_NOISES]; MOTION_NOISES],
 }
 
 impl PredictedScan {
-    /// What the scan says; `None` where S is not positive definite.
-    pub fn score(&self) -> Option<ScanScore> {
+    /// Adds to the covariance what an uncertain pose does: G P Gᵀ.
+    pub fn add_uncertain_pose(&mut self, covariance: &Matrix3) {
+        for i in 0..self.size {
+            let row: [f64; 3] = std::array::from_fn(|k| (0..3).map(|l| self.by_pose[i][l] * covariance[l][k]).sum());
+            for j in 0..self.size {
+                self.covariance[i][j] += (0..3).map(|k| row[k] * self.by_pose[j][k]).sum::<f64>();
+            }
+        }
+    }
+
+    /// What the scan says; `None` where S is not positive definite. `usual` are the ratios that scans of this run
+    /// usually have: one that has many times more counts as having so many.
+    pub fn score(&self, usual: [f64; 2]) -> Option<ScanScore> {
         let n = self.size;
-        let Scored { nis, score, information } = self.scored(&self.covariance)?;
-        let scale_squared = (LARGEST_RATIO * n as f64 / nis).min(1.0);
-        let free = self.scored(&self.with_free_pose())?;
+        let inverse = inverted(&self.covariance, n)?;
+        let weighted = times(&inverse, &self.innovation, n);
+        let nis: f64 = (0..n).map(|i| weighted[i] * self.innovation[i]).sum();
+        let kept = (LARGEST_RATIO * n as f64 / nis).min(1.0);
         let of_component = |component: usize| {
             let ratio = |i: usize| self.innovation[i] * self.innovation[i] / self.covariance[i][i];
-            scale_squared * (component..n).step_by(2).map(ratio).sum::<f64>()
+            kept * (component..n).step_by(2).map(ratio).sum::<f64>()
         };
-        Some(ScanScore {
+        let mut score = ScanScore {
             sightings: 0.5 * n as f64,
-            nis: scale_squared * nis,
+            nis: kept * nis,
             of_component: [of_component(0), of_component(1)],
-            score,
-            information,
-            sensor_score: std::array::from_fn(|k| free.score[k]),
-            sensor_information: std::array::from_fn(|k| std::array::from_fn(|l| free.information[k][l])),
-        })
-    }
-
-    /// S with so uncertain a pose that only differences between the sightings count.
-    fn with_free_pose(&self) -> Square {
-        let mut covariance = self.covariance;
-        for i in 0..self.size {
-            for j in 0..self.size {
-                let products = (0..3).map(|k| FREE_POSE_VARIANCE[k] * self.by_pose[i][k] * self.by_pose[j][k]);
-                covariance[i][j] += products.sum::<f64>();
-            }
-        }
-        covariance
-    }
-
-    /// The score of each noise under a covariance.
-    ///
-    /// **Source:** for ν ~ N(0, S(θ)) the score of θ_k is ½ (νᵀ S⁻¹ S_k S⁻¹ ν − tr S⁻¹ S_k) with S_k = ∂S/∂θ_k, and the
-    /// information is ½ tr S⁻¹ S_k S⁻¹ S_l.
-    fn scored(&self, covariance: &Square) -> Option<Scored> {
-        let n = self.size;
-        let inverse = inverted(covariance, n)?;
-        let mut weighted: [f64; SIZE] =
-            std::array::from_fn(|i| (0..n).map(|j| inverse[i][j] * self.innovation[j]).sum());
-        let nis: f64 = (0..n).map(|i| weighted[i] * self.innovation[i]).sum();
-        let scale = (LARGEST_SCORED_RATIO * n as f64 / nis).min(1.0).sqrt();
-        weighted.iter_mut().for_each(|value| *value *= scale);
-        let by_motion = multiplied(&inverse, &self.motion, n);
-        let quadratic = |component: usize| -> f64 {
-            (component..n).step_by(2).map(|i| weighted[i] * weighted[i] * self.noise[i]).sum()
+            ratios: [nis / n as f64, f64::NAN],
+            ..ScanScore::default()
         };
-        let motion = (0..n).map(|i| (0..n).map(|j| weighted[i] * self.motion[i][j] * weighted[j]).sum::<f64>()).sum();
-        let squares = [quadratic(0), quadratic(1), motion];
-        // tr S⁻¹ S_k and tr S⁻¹ S_k S⁻¹ S_l; S_k of the sensor is diagonal.
-        let mut traces = [0.0; NOISES];
-        let mut products = [[0.0; NOISES]; NOISES];
-        for i in 0..n {
-            traces[i % 2] += inverse[i][i] * self.noise[i];
-            traces[2] += by_motion[i][i];
-            for j in 0..n {
-                products[i % 2][j % 2] += inverse[i][j] * inverse[i][j] * self.noise[i] * self.noise[j];
-                products[i % 2][2] += self.noise[i] * by_motion[i][j] * inverse[j][i];
-                products[2][2] += by_motion[i][j] * by_motion[j][i];
+        self.score_motion(&inverse, &weighted, most(nis, n, usual[0]), &mut score);
+        self.score_sensor(&inverse, usual[1], &mut score)?;
+        Some(score)
+    }
+
+    /// The motion's noises: with G = ∂z/∂pose and P_k what noise k adds to the pose, S_k = G P_k Gᵀ, all of it follows
+    /// from Gᵀ S⁻¹ ν, Gᵀ S⁻¹ G and Gᵀ S⁻¹ R_l S⁻¹ G.
+    fn score_motion(&self, inverse: &Square, weighted: &[f64; SIZE], kept: f64, score: &mut ScanScore) {
+        let n = self.size;
+        let by_pose = self.weighted_by_pose(inverse);
+        let pull: [f64; 3] = std::array::from_fn(|a| (0..n).map(|i| self.by_pose[i][a] * weighted[i]).sum());
+        let grip = self.information_of_pose(&by_pose);
+        let of_sensor: [Matrix3; SENSOR_NOISES] = std::array::from_fn(|l| {
+            std::array::from_fn(|a| {
+                std::array::from_fn(|b| (l..n).step_by(2).map(|i| by_pose[i][a] * self.noise[i] * by_pose[i][b]).sum())
+            })
+        });
+        let gripped = self.motion.map(|part| multiply3(&part, &grip));
+        let trace = |m: &Matrix3| m[0][0] + m[1][1] + m[2][2];
+        for (k, part) in self.motion.iter().enumerate() {
+            let moved: [f64; 3] = std::array::from_fn(|a| (0..3).map(|b| part[a][b] * pull[b]).sum());
+            score.motion.squares[k] = kept * (0..3).map(|a| pull[a] * moved[a]).sum::<f64>();
+            score.motion.expected[k] = trace(&gripped[k]);
+            for (share, other) in score.motion.shares[k].iter_mut().zip(&gripped) {
+                *share = trace(&multiply3(&gripped[k], other));
+            }
+            for (share, of_sensor) in score.motion_by_sensor[k].iter_mut().zip(&of_sensor) {
+                *share = trace(&multiply3(part, of_sensor));
             }
         }
-        (products[2][0], products[2][1]) = (products[0][2], products[1][2]);
-        Some(Scored {
-            nis,
-            score: std::array::from_fn(|k| 0.5 * (squares[k] - traces[k])),
-            information: products.map(|row| row.map(|product| 0.5 * product)),
-        })
+    }
+
+    /// The sensor's noises with the pose free: S⁻¹ − S⁻¹ G (Gᵀ S⁻¹ G)⁻¹ Gᵀ S⁻¹ in place of S⁻¹. `None` as in `score`.
+    fn score_sensor(&self, inverse: &Square, usual: f64, score: &mut ScanScore) -> Option<()> {
+        let n = self.size;
+        if n < 4 {
+            return Some(());
+        }
+        let by_pose = self.weighted_by_pose(inverse);
+        let mut information = [[0.0; SIZE]; SIZE];
+        for (a, row) in self.information_of_pose(&by_pose).iter().enumerate() {
+            information[a][..3].copy_from_slice(row);
+            information[a][a] += FREE_POSE_INFORMATION[a];
+        }
+        let covariance = inverted(&information, 3)?;
+        let mut free = *inverse;
+        for i in 0..n {
+            let spread: [f64; 3] = std::array::from_fn(|b| (0..3).map(|a| by_pose[i][a] * covariance[a][b]).sum());
+            for j in 0..n {
+                free[i][j] -= (0..3).map(|a| spread[a] * by_pose[j][a]).sum::<f64>();
+            }
+        }
+        let weighted = times(&free, &self.innovation, n);
+        let nis: f64 = (0..n).map(|i| weighted[i] * self.innovation[i]).sum();
+        let kept = most(nis, n, usual);
+        score.ratios[1] = nis / (n - 3) as f64;
+        for i in 0..n {
+            score.sensor.squares[i % 2] += kept * weighted[i] * weighted[i] * self.noise[i];
+            score.sensor.expected[i % 2] += free[i][i] * self.noise[i];
+            for j in 0..n {
+                score.sensor.shares[i % 2][j % 2] += free[i][j] * free[i][j] * self.noise[i] * self.noise[j];
+            }
+        }
+        Some(())
+    }
+
+    /// S⁻¹ G.
+    fn weighted_by_pose(&self, inverse: &Square) -> [[f64; 3]; SIZE] {
+        let n = self.size;
+        std::array::from_fn(|i| std::array::from_fn(|a| (0..n).map(|j| inverse[i][j] * self.by_pose[j][a]).sum()))
+    }
+
+    /// Gᵀ S⁻¹ G, given S⁻¹ G.
+    fn information_of_pose(&self, weighted: &[[f64; 3]; SIZE]) -> Matrix3 {
+        let entry = |a: usize, b: usize| (0..self.size).map(|i| self.by_pose[i][a] * weighted[i][b]).sum();
+        std::array::from_fn(|a| std::array::from_fn(|b| entry(a, b)))
     }
 }
 
-fn multiplied(a: &Square, b: &Square, n: usize) -> Square {
-    let mut product = [[0.0; SIZE]; SIZE];
-    for i in 0..n {
-        for j in 0..n {
-            product[i][j] = (0..n).map(|k| a[i][k] * b[k][j]).sum();
-        }
+/// How much of a scan's squares counts, when scans usually have `usual` times what is expected.
+fn most(nis: f64, n: usize, usual: f64) -> f64 {
+    if nis > 0.0 {
+        (LARGEST_SCORED_RATIO * usual * n as f64 / nis).min(1.0)
+    } else {
+        1.0
     }
-    product
+}
+
+fn times(a: &Square, b: &[f64; SIZE], n: usize) -> [f64; SIZE] {
+    std::array::from_fn(|i| (0..n).map(|j| a[i][j] * b[j]).sum())
 }
 
 /// The inverse of the leading n × n block, by Cholesky's factor; `None` where that does not exist.
@@ -200,121 +253,122 @@ fn inverted(a: &Square, n: usize) -> Option<Square> {
 mod tests {
     use super::*;
 
-    /// Two sightings that share the uncertainty of the motion.
-    fn scan(innovation: [f64; 4]) -> PredictedScan {
-        let mut scan = PredictedScan { size: 4, ..PredictedScan::default() };
-        let by_motion = [[0.3, 0.1], [-0.2, 0.05], [0.25, -0.1], [0.1, 0.2]];
-        for i in 0..4 {
-            for j in 0..4 {
-                scan.motion[i][j] = (0..2).map(|k| by_motion[i][k] * by_motion[j][k]).sum();
-                scan.covariance[i][j] = scan.motion[i][j];
-            }
+    const BY_POSE: [[f64; 3]; 6] = [
+        [-1.0, 0.1, 0.0],
+        [0.02, -0.2, -1.0],
+        [-0.3, -0.9, 0.0],
+        [0.2, 0.1, -1.0],
+        [0.7, -0.6, 0.0],
+        [-0.1, 0.15, -1.0],
+    ];
+
+    /// Three sightings that share the uncertainty of the motion.
+    fn scan(innovation: [f64; 6]) -> PredictedScan {
+        let mut scan = PredictedScan { size: 6, ..PredictedScan::default() };
+        scan.motion[0] = [[0.05, 0.01, 0.0], [0.01, 0.02, 0.0], [0.0; 3]];
+        scan.motion[1] = [[0.01, 0.0, 0.01], [0.0; 3], [0.01, 0.0, 0.03]];
+        for i in 0..6 {
+            scan.by_pose[i] = BY_POSE[i];
             scan.noise[i] = if i % 2 == 0 { 0.04 } else { 0.01 };
-            scan.covariance[i][i] += scan.noise[i];
+            scan.covariance[i][i] = scan.noise[i];
             scan.innovation[i] = innovation[i];
         }
+        let motion = scan.motion;
+        motion.iter().for_each(|part| scan.add_uncertain_pose(part));
         scan
     }
 
-    /// ln N(ν; 0, S) with each noise's variance scaled.
-    fn log_likelihood(scan: &PredictedScan, factors: [f64; NOISES]) -> f64 {
-        let n = scan.size;
-        let mut s = [[0.0; SIZE]; SIZE];
-        for i in 0..n {
-            for j in 0..n {
-                s[i][j] = scan.covariance[i][j] + (factors[2] - 1.0) * scan.motion[i][j];
-            }
-            s[i][i] += (factors[i % 2] - 1.0) * scan.noise[i];
+    const USUAL: [f64; 2] = [1.0; 2];
+    const SOME: [f64; 6] = [0.5, -0.3, 0.1, 0.4, -0.2, 0.1];
+
+    /// S_k of the noises: range, bearing, and the first two of the motion.
+    fn part(scan: &PredictedScan, k: usize) -> Square {
+        let mut bare = PredictedScan { covariance: [[0.0; SIZE]; SIZE], ..scan.clone() };
+        match k {
+            0 | 1 => (k..6).step_by(2).for_each(|i| bare.covariance[i][i] = scan.noise[i]),
+            _ => bare.add_uncertain_pose(&scan.motion[k - 2]),
         }
-        let inverse = inverted(&s, n).unwrap();
-        let nis: f64 =
-            (0..n).map(|i| (0..n).map(|j| scan.innovation[i] * inverse[i][j] * scan.innovation[j]).sum::<f64>()).sum();
-        // The determinant of S is one over that of its inverse, by elimination without pivots.
-        let mut rows = inverse;
-        let mut log_determinant = 0.0;
-        for i in 0..n {
-            log_determinant -= rows[i][i].ln();
-            for j in i + 1..n {
-                let factor = rows[j][i] / rows[i][i];
-                (i..n).for_each(|k| rows[j][k] -= factor * rows[i][k]);
-            }
-        }
-        -0.5 * (nis + log_determinant)
+        bare.covariance
+    }
+
+    fn product(a: &Square, b: &Square) -> Square {
+        std::array::from_fn(|i| std::array::from_fn(|j| (0..6).map(|k| a[i][k] * b[k][j]).sum()))
+    }
+
+    fn trace(a: &Square) -> f64 {
+        (0..6).map(|i| a[i][i]).sum()
     }
 
     #[test]
-    fn the_score_is_the_slope_of_the_log_likelihood() {
-        let scan = scan([0.5, -0.3, 0.1, 0.4]);
-        let found = scan.score().unwrap();
-        for k in 0..NOISES {
-            let step = 1e-5;
-            let at = |sign: f64| {
-                let mut factors = [1.0; NOISES];
-                factors[k] += sign * step;
-                log_likelihood(&scan, factors)
-            };
-            let slope = (at(1.0) - at(-1.0)) / (2.0 * step);
-            // Central differences err by about step² times the third derivative, which is below 10 here.
-            assert!((found.score[k] - slope).abs() < 1e-8, "{k}: {} against {slope}", found.score[k]);
+    fn what_is_found_of_each_noise_is_what_the_formulas_say() {
+        let scan = scan(SOME);
+        let found = scan.score(USUAL).unwrap();
+        let inverse = inverted(&scan.covariance, 6).unwrap();
+        let weighted = times(&inverse, &scan.innovation, 6);
+        for k in 0..2 {
+            let of = part(&scan, 2 + k);
+            let square: f64 = (0..6).map(|i| weighted[i] * (0..6).map(|j| of[i][j] * weighted[j]).sum::<f64>()).sum();
+            assert!((found.motion.squares[k] - square).abs() < 1e-12);
+            let gripped = product(&inverse, &of);
+            assert!((found.motion.expected[k] - trace(&gripped)).abs() < 1e-12);
+            for l in 0..2 {
+                let other = product(&inverse, &part(&scan, 2 + l));
+                assert!((found.motion.shares[k][l] - trace(&product(&gripped, &other))).abs() < 1e-12);
+                let sensor = product(&inverse, &part(&scan, l));
+                assert!((found.motion_by_sensor[k][l] - trace(&product(&gripped, &sensor))).abs() < 1e-12);
+            }
+            // S is the sum of all four.
+            let sum = found.motion.shares[k].iter().chain(&found.motion_by_sensor[k]).sum::<f64>();
+            assert!((sum - found.motion.expected[k]).abs() < 1e-12);
         }
+        let nis: f64 = (0..6).map(|i| weighted[i] * scan.innovation[i]).sum();
+        assert!((found.nis - nis).abs() < 1e-12 && (found.ratios[0] - nis / 6.0).abs() < 1e-12);
     }
 
     #[test]
-    fn the_information_is_the_mean_curvature() {
-        // E[∂²/∂θ_k∂θ_l] of the log-likelihood is minus the information; averaged over ν with νν' = S exactly by taking
-        // the columns of S's square root, scaled by √n.
-        let base = scan([0.0; 4]);
-        let n = base.size;
-        let mut factor = [[0.0; SIZE]; SIZE];
-        for i in 0..n {
-            for j in 0..=i {
-                let rest = base.covariance[i][j] - (0..j).map(|k| factor[i][k] * factor[j][k]).sum::<f64>();
-                factor[i][j] = if i == j { rest.sqrt() } else { rest / factor[j][j] };
-            }
-        }
-        let information = base.score().unwrap().information;
-        let step = 1e-3;
-        for k in 0..NOISES {
-            let mut curvature = 0.0;
-            for column in 0..n {
-                let nu: [f64; 4] = std::array::from_fn(|i| factor[i][column] * (n as f64).sqrt());
-                let scan = scan(nu);
-                let at = |sign: f64| {
-                    let mut factors = [1.0; NOISES];
-                    factors[k] += sign * step;
-                    log_likelihood(&scan, factors)
-                };
-                curvature += (at(1.0) - 2.0 * at(0.0) + at(-1.0)) / (step * step) / n as f64;
-            }
-            assert!((information[k][k] + curvature).abs() < 1e-4, "{k}: {} against {}", information[k][k], -curvature);
-        }
+    fn with_the_pose_free_three_numbers_are_left_of_six() {
+        let found = scan(SOME).score(USUAL).unwrap();
+        let left: f64 = found.sensor.expected.iter().sum();
+        assert!((left - 3.0).abs() < 1e-3, "{left}");
+        let shares: f64 = found.sensor.shares.iter().flatten().sum();
+        assert!((shares - 3.0).abs() < 1e-3, "{shares}");
     }
 
     #[test]
     fn what_moves_the_whole_scan_says_nothing_of_the_sensor() {
-        let mut scan = scan([0.1, -0.05, 0.02, 0.04]);
-        scan.by_pose = std::array::from_fn(|i| if i == 0 { [1.0, 0.0, 0.0] } else { [0.0, 0.2, -1.0] });
-        let before = scan.score().unwrap();
-        (0..4).for_each(|i| scan.innovation[i] += 0.2 * scan.by_pose[i][0] - 0.1 * scan.by_pose[i][2]);
-        let after = scan.score().unwrap();
-        assert!((after.nis - before.nis).abs() > 1.0);
+        let mut scan = scan(SOME);
+        let before = scan.score(USUAL).unwrap();
+        (0..6).for_each(|i| scan.innovation[i] += 0.2 * scan.by_pose[i][0] - 0.1 * scan.by_pose[i][2]);
+        let after = scan.score(USUAL).unwrap();
+        assert!((after.nis - before.nis).abs() > 0.1);
         for k in 0..SENSOR_NOISES {
             // The free pose has a standard deviation of 100 m and 10 rad: what is left of the shift is below 1e-3 of it.
-            assert!((after.sensor_score[k] - before.sensor_score[k]).abs() < 1e-3);
+            assert!((after.sensor.squares[k] - before.sensor.squares[k]).abs() < 1e-3);
         }
     }
 
     #[test]
+    fn one_sighting_says_nothing_of_the_sensor() {
+        let mut one = scan(SOME);
+        one.size = 2;
+        let found = one.score(USUAL).unwrap();
+        assert_eq!(found.sensor, Found::default());
+        assert!(found.ratios[1].is_nan() && found.ratios[0].is_finite());
+    }
+
+    #[test]
     fn one_wild_scan_counts_no_more_than_its_cap() {
-        let found = scan([50.0, -3.0, 1.0, 40.0]).score().unwrap();
-        assert!((found.nis - 4.0 * LARGEST_RATIO).abs() < 1e-9);
-        assert!(found.of_component.iter().sum::<f64>().is_finite());
+        let wild = scan([50.0, -3.0, 1.0, 40.0, 7.0, -20.0]).score(USUAL).unwrap();
+        assert!((wild.nis - 6.0 * LARGEST_RATIO).abs() < 1e-9);
+        assert!(wild.of_component.iter().sum::<f64>().is_finite());
+        let usual_there = scan([50.0, -3.0, 1.0, 40.0, 7.0, -20.0]).score([1e9; 2]).unwrap();
+        assert!(usual_there.sensor.squares[0] > 100.0 * wild.sensor.squares[0]);
     }
 
     #[test]
     fn a_covariance_that_is_none_says_nothing() {
-        let mut bad = scan([0.1; 4]);
+        let mut bad = scan([0.1; 6]);
         bad.covariance[2][2] = -1.0;
-        assert_eq!(bad.score(), None);
+        assert_eq!(bad.score(USUAL), None);
     }
 }

@@ -4,7 +4,10 @@
 
 pub(crate) mod health;
 pub(crate) mod innovations;
+pub(crate) mod names;
 pub(crate) mod noise;
+mod totals;
 
 pub use health::{Health, HealthReason, HealthStatus};
-pub use noise::{Noise, NoiseReport, NoiseWarning, NoiseWarnings};
+pub use names::{NamedPlace, TwoPlaces};
+pub use noise::{Noise, NoiseReport, NoiseWarning, NoiseWarnings, NOISES};

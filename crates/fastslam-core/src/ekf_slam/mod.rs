@@ -10,7 +10,8 @@ use crate::association::{by_robot_pose, Appearance, Rules, ScanSighting};
 use crate::config::Config;
 use crate::diagnosis::health::{View as FieldOfView, Vitals, Watch};
 use crate::diagnosis::innovations::PredictedScan;
-use crate::diagnosis::NoiseReport;
+use crate::diagnosis::names::{Doubt, Misfit, NamedPlace, IMPLAUSIBLE};
+use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::error::{Error, Result};
 use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Sighting, StepInfo};
 use crate::geometry::{transform3, Matrix3, Pose, Symmetric2};
@@ -33,6 +34,8 @@ struct Landmark {
     identity_mark: f64,
     identity: Option<u32>,
     sightings: u32,
+    /// Its name was found to stand for another one; the state still holds it, the map does not.
+    is_given_up: bool,
 }
 
 /// EKF-SLAM with known identities or maximum-likelihood association.
@@ -130,10 +133,14 @@ impl<M: MeasurementModel> EkfSlam<M> {
     /// **Errors:** [`Error::NotPositiveDefinite`] and [`Error::NotFinite`] when rounding has spoilt the state.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         let mut info = StepInfo { step: self.steps, effective_sample_size: 1.0, sampled: true, ..StepInfo::default() };
-        let scan: Vec<_> =
+        let mut scan: Vec<_> =
             usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped).collect();
         info.sightings = scan.len() as u32;
+        self.watch.begin(stamp_s, info.sightings);
         self.move_pose();
+        if self.identities == Identities::All {
+            self.doubt_names(&mut scan, &mut info);
+        }
         let new = match self.identities {
             Identities::All => self.correct_identified(&scan, &mut info)?,
             _ => self.correct_associated(&scan, &mut info)?,
@@ -169,9 +176,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let Symmetric2 { xx, xy, yy } = view.s;
         scan.covariance[0][..2].copy_from_slice(&[xx, xy]);
         scan.covariance[1][..2].copy_from_slice(&[xy, yy]);
-        if let Some(score) = scan.score() {
-            self.watch.noise.add(&score);
-        }
+        self.watch.noise.add(&scan);
     }
 
     /// Gives the verdict on a step.
@@ -193,10 +198,60 @@ impl<M: MeasurementModel> EkfSlam<M> {
             T_world_robot,
             pose_covariance,
             births_before,
+            names_known: self.identities == Identities::All,
             map_in_view,
         };
         let model = &self.model;
         info.health = self.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
+    }
+
+    /// Leaves out the sightings of a scan that name a landmark which cannot be seen there, while the others fit; gives up
+    /// landmarks that were founded by such a sighting.
+    fn doubt_names(&mut self, scan: &mut Vec<ScanSighting>, info: &mut StepInfo) {
+        let slot = |filter: &Self, sighting: &ScanSighting| {
+            sighting.identity.and_then(|identity| Some((identity, *filter.of_identity.get(&identity)?)))
+        };
+        let known: Vec<(usize, u32, u32)> =
+            scan.iter().enumerate().filter_map(|(j, s)| slot(self, s).map(|(name, index)| (j, name, index))).collect();
+        let gate = IMPLAUSIBLE * self.watch.noise.usual_excess();
+        let implausible = |&(j, _, index): &(usize, u32, u32)| {
+            let view = self.view(index, &scan[j].measured);
+            fit_with_tail(view.innovation, view.s, scan[j].measured.tail).mahalanobis_squared > gate
+        };
+        let misfits: Vec<(usize, u32, u32)> = known.iter().copied().filter(implausible).collect();
+        if !self.watch.names.may_doubt(known.len(), misfits.len()) {
+            return;
+        }
+        for &(j, identity, index) in misfits.iter().rev() {
+            let misfit = self.misfit(&scan[j], identity, index);
+            if self.watch.names.doubt(&misfit) == Doubt::Move {
+                self.landmarks[index as usize].is_given_up = true;
+                self.of_identity.remove(&identity);
+            } else {
+                scan.remove(j);
+                info.ignored += 1;
+            }
+        }
+    }
+
+    fn misfit(&self, sighting: &ScanSighting, identity: u32, index: u32) -> Misfit {
+        let (measured, sensor) = (&sighting.measured, self.pose.compose(self.T_robot_sensor));
+        let agrees = self.watch.names.other_place(identity).is_some_and(|place| {
+            let linear = self.model.linearize(sensor, place);
+            let innovation = self.model.innovation(measured.value, linear.expected);
+            // As uncertain as one more sighting, and as the view of the landmark that the name has.
+            let s = self.view(index, measured).s;
+            let s = Symmetric2::new(s.xx + measured.noise.xx, s.xy + measured.noise.xy, s.yy + measured.noise.yy);
+            fit_with_tail(innovation, s, measured.tail).mahalanobis_squared <= IMPLAUSIBLE
+        });
+        let held =
+            NamedPlace { position_m: self.landmark_mean(index), sightings: self.landmarks[index as usize].sightings };
+        Misfit { identity, position_m: self.model.inverse(sensor, measured.value), agrees, held }
+    }
+
+    /// Names that were seen at two places.
+    pub fn two_places(&self) -> Vec<TwoPlaces> {
+        self.watch.names.two_places()
     }
 
     /// What the innovations so far say of the configured noise.
@@ -324,7 +379,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
         self.covariance.add_landmark(row, &by_pose, [[own.xx, own.xy], [own.xy, own.yy]]);
         self.mean.resize((row + 2).next_multiple_of(TILE), 0.0);
         (self.mean[row], self.mean[row + 1]) = (place[0].value, place[1].value);
-        self.landmarks.push(Landmark { identity_mark: 0.0, identity: None, sightings: 1 });
+        self.landmarks.push(Landmark { identity_mark: 0.0, identity: None, sightings: 1, is_given_up: false });
         self.mark_identity(index, sighting.identity);
     }
 
@@ -358,6 +413,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
             .landmarks
             .iter()
             .zip(0..)
+            .filter(|(landmark, _)| !landmark.is_given_up)
             .map(|(landmark, index)| MapLandmark {
                 birth: u64::from(index),
                 identity: landmark.identity,

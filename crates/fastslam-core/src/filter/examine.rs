@@ -2,19 +2,14 @@
 
 use super::scan::ScanSighting;
 use super::FastSlam;
-use crate::association::{by_robot_pose, Belief, Box2, CandidateTable, Decision};
+use crate::association::{by_robot_pose, Box2, CandidateTable, Decision};
 use crate::config::Algorithm;
-use crate::diagnosis::health::MapInView;
+use crate::diagnosis::health::{InView, MapInView};
 use crate::diagnosis::innovations::{PredictedScan, JOINT_MAX};
-use crate::geometry::{Matrix3, Symmetric2};
+use crate::geometry::Symmetric2;
 use crate::landmark::{column, gaussian_in, innovation_covariance, Gaussian, Measured};
 use crate::measurement::MeasurementModel;
 
-/// One step in so many is examined.
-///
-/// **Why:** an examination costs as much as about a hundred sightings of a particle, and neighbouring scans tell the
-/// same story.
-const EVERY: u64 = 4;
 /// Particles that stand for all; evenly spaced, so that they come from different ancestors.
 const SUBSET: usize = 16;
 /// A landmark seen less often than this may be clutter, of which nobody expects to see it again.
@@ -43,11 +38,6 @@ struct Prediction {
 }
 
 impl<M: MeasurementModel> FastSlam<M> {
-    /// Whether this step is to be examined.
-    pub(super) fn examines(&self) -> bool {
-        self.steps.is_multiple_of(EVERY)
-    }
-
     /// Examines a scan whose identities are all known.
     pub(super) fn examine_identified(&mut self, scan: &[ScanSighting]) {
         let mut matches = std::mem::take(&mut self.matches);
@@ -56,7 +46,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         matches.extend(known.map(|(sighting, slot)| (sighting.measured.value, self.landmarks.birth(slot))));
         self.watch.matched(matches.iter().copied(), scan.len());
         self.matches = matches;
-        if !self.examines() || self.matches.is_empty() {
+        if !self.watch.examines() || self.matches.is_empty() {
             return;
         }
         let mut examination = std::mem::take(&mut self.examination);
@@ -65,7 +55,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         known.extend(scan.iter().enumerate().filter_map(|(j, sighting)| Some((j, self.known_slot(sighting)?))));
         self.choose_subset(particles);
         pairs.clear();
-        for place in spread(known.len(), self.steps) {
+        for place in spread(known.len(), self.watch.examinations()) {
             let (j, slot) = known[place];
             let rows = self.landmarks.read(slot);
             pairs.push((scan[j].measured, of_subset(particles, |i| gaussian_in(&rows, i))));
@@ -88,7 +78,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         matches.extend(known.clone().map(|(j, candidate)| (scan[j].measured.value, birth(candidate))));
         self.watch.matched(matches.iter().copied(), scan.len());
         self.matches = matches;
-        if !self.examines() || scan.is_empty() {
+        if !self.watch.examines() || scan.is_empty() {
             return;
         }
         let mut examination = std::mem::take(&mut self.examination);
@@ -97,7 +87,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.look_at_map(&mut examination, |candidate| table.slots[candidate as usize]);
         if !examination.known.is_empty() {
             let Examination { known, particles, pairs, .. } = &mut examination;
-            let chosen = || spread(known.len(), self.steps).map(|place| known[place]);
+            let chosen = || spread(known.len(), self.watch.examinations()).map(|place| known[place]);
             self.choose_subset(particles);
             particles.retain(|i| chosen().all(|(j, candidate)| of(*i)[j] == Decision::Landmark(candidate)));
             let landmarks = |candidate| of_subset(particles, |i| table.gaussian(candidate, i));
@@ -113,6 +103,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         let Examination { known, in_reach, row, .. } = examination;
         let best = self.particles.best();
         let (view, pose) = (self.watch.view(), self.beliefs.get(best).mean);
+        if !self.watch.looks_from(pose) {
+            return;
+        }
         let sensor = pose.compose(self.T_robot_sensor);
         let mut region = Box2::EMPTY;
         region.include([sensor.x, sensor.y], view.far_m);
@@ -125,8 +118,8 @@ impl<M: MeasurementModel> FastSlam<M> {
                 continue;
             }
             if view.contains(pose, [row[column::MEAN_X], row[column::MEAN_Y]]) {
-                in_view.expected += 1;
-                in_view.sighted += u32::from(known.iter().any(|(_, candidate)| slot_of(*candidate) == slot));
+                let sighted = known.iter().any(|(_, candidate)| slot_of(*candidate) == slot);
+                self.watch.looked(&mut in_view, InView { birth: self.landmarks.birth(slot), sighted });
             }
         }
         self.map_in_view = Some(in_view);
@@ -145,22 +138,17 @@ impl<M: MeasurementModel> FastSlam<M> {
         let Examination { particles, pairs, predictions, .. } = examination;
         predictions.clear();
         predictions.extend(particles.iter().enumerate().filter_map(|(row, i)| self.prediction(*i, row, pairs)));
-        if let Some(score) = mixture(predictions).and_then(|scan| scan.score()) {
-            self.watch.noise.add(&score);
+        if let Some(mut scan) = mixture(predictions) {
+            let heading = self.belief_of(self.particles.best()).mean.heading;
+            scan.motion = self.motion_since_scan.covariances_in_world(heading);
+            self.watch.noise.add(&scan);
         }
     }
 
     /// What one particle predicts; `None` where it lacks a landmark or has no weight.
     fn prediction(&self, particle: usize, row: usize, pairs: &[Pair]) -> Option<Prediction> {
         let weight = self.weights.values[particle];
-        let pose = self.particles.pose(particle);
-        let belief = match self.config.algorithm {
-            Algorithm::Fastslam1 => Belief { mean: pose, covariance: [[0.0; 3]; 3] },
-            _ => Belief {
-                mean: pose.compose(self.pending.mean),
-                covariance: self.pending.covariance_in_world(pose.heading),
-            },
-        };
+        let belief = self.belief_of(particle);
         let sensor = belief.mean.compose(self.T_robot_sensor);
         let mut scan = PredictedScan { size: 2 * pairs.len(), ..PredictedScan::default() };
         for (j, (measured, landmarks)) in pairs.iter().enumerate() {
@@ -178,16 +166,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
             (scan.noise[2 * j], scan.noise[2 * j + 1]) = (measured.noise.xx, measured.noise.yy);
         }
-        match self.config.algorithm {
-            // The spread of the particles holds what their motion added.
-            Algorithm::Fastslam1 => {
-                let start = pose.heading - self.sampled_motion.mean.heading;
-                scan.note_motion(&self.sampled_motion.covariance_in_world(start));
-            }
-            _ => {
-                scan.note_motion(&belief.covariance);
-                scan.add_motion();
-            }
+        // In FastSLAM 1.0 the spread of the particles holds what their motion added.
+        if self.config.algorithm != Algorithm::Fastslam1 {
+            scan.add_uncertain_pose(&belief.covariance);
         }
         (weight > 0.0).then_some(Prediction { weight, scan })
     }
@@ -196,25 +177,6 @@ impl<M: MeasurementModel> FastSlam<M> {
 /// The landmark of each of these particles.
 fn of_subset(particles: &[usize], of: impl Fn(usize) -> Option<Gaussian>) -> [Option<Gaussian>; SUBSET] {
     std::array::from_fn(|row| particles.get(row).and_then(|i| of(*i)))
-}
-
-impl PredictedScan {
-    /// Notes what a motion with this covariance adds: G P Gᵀ.
-    fn note_motion(&mut self, covariance: &Matrix3) {
-        for i in 0..self.size {
-            let row: [f64; 3] = std::array::from_fn(|k| (0..3).map(|l| self.by_pose[i][l] * covariance[l][k]).sum());
-            for j in 0..self.size {
-                self.motion[i][j] = (0..3).map(|k| row[k] * self.by_pose[j][k]).sum();
-            }
-        }
-    }
-
-    /// Adds it to the covariance.
-    fn add_motion(&mut self) {
-        for i in 0..self.size {
-            (0..self.size).for_each(|j| self.covariance[i][j] += self.motion[i][j]);
-        }
-    }
 }
 
 /// The prediction of all particles together: mean innovation; covariance within plus between them.
@@ -235,7 +197,6 @@ fn mixture(predictions: &[Prediction]) -> Option<PredictedScan> {
             mixed.innovation[i] += share * scan.innovation[i];
             for j in 0..size {
                 mixed.covariance[i][j] += share * scan.covariance[i][j];
-                mixed.motion[i][j] += share * scan.motion[i][j];
             }
         }
     }
@@ -254,9 +215,9 @@ fn mixture(predictions: &[Prediction]) -> Option<PredictedScan> {
 }
 
 /// Up to [`JOINT_MAX`] of `count` places, evenly spaced; another first one at every examination.
-fn spread(count: usize, step: u64) -> impl Iterator<Item = usize> {
+fn spread(count: usize, examination: u64) -> impl Iterator<Item = usize> {
     let size = count.min(JOINT_MAX);
-    let first = (step / EVERY) as usize % count;
+    let first = examination as usize % count;
     (0..size).map(move |k| (first + k * count / size) % count)
 }
 
@@ -267,8 +228,8 @@ mod tests {
     #[test]
     fn places_are_different_and_take_turns() {
         let mut seen = [0; 7];
-        for step in (0..28 * EVERY).step_by(EVERY as usize) {
-            let places: Vec<usize> = spread(7, step).collect();
+        for examination in 0..28 {
+            let places: Vec<usize> = spread(7, examination).collect();
             let mut unique = places.clone();
             unique.sort_unstable();
             unique.dedup();
@@ -276,7 +237,7 @@ mod tests {
             places.iter().for_each(|place| seen[*place] += 1);
         }
         assert_eq!(seen, [16; 7]);
-        assert_eq!(spread(2, 8).collect::<Vec<_>>(), vec![0, 1]);
+        assert_eq!(spread(2, 2).collect::<Vec<_>>(), vec![0, 1]);
     }
 
     #[test]

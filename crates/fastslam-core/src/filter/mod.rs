@@ -10,6 +10,7 @@ mod extent;
 mod identified;
 mod landmarks;
 mod merging;
+mod names;
 mod particles;
 mod rejuvenation;
 mod scan;
@@ -27,12 +28,12 @@ pub(crate) use usable::usable;
 use crate::association::{fast, CandidateTable, Decision, FitTable, Rules, Scratch};
 use crate::config::{Algorithm, Config};
 use crate::diagnosis::health::{MapInView, View, Vitals, Watch};
-use crate::diagnosis::NoiseReport;
+use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::error::{Error, Result};
 use crate::geometry::Pose;
 use crate::landmark::SensorPoses;
 use crate::measurement::{MeasurementModel, RangeBearing};
-use crate::motion::{MotionGaussian, PoseColumns};
+use crate::motion::{MotionByNoise, MotionGaussian, PoseColumns};
 use crate::path::PathForest;
 use crate::random::{Purpose, RandomSource};
 use crate::resampling::Resampler;
@@ -74,8 +75,8 @@ pub struct FastSlam<M = RangeBearing> {
     particles: Particles,
     /// Motion since the last sampling of the poses, the same for all particles (FastSLAM 2.0).
     pending: MotionGaussian,
-    /// Motion since the last scan where the poses are sampled at once (FastSLAM 1.0); only the noise check needs it.
-    sampled_motion: MotionGaussian,
+    /// Motion since the last scan, for the noise check.
+    motion_since_scan: MotionByNoise,
     controls: u64,
     samplings: u64,
     steps: u64,
@@ -165,7 +166,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             random: RandomSource::new(config.seed),
             particles: Particles::at(start, particles),
             pending: MotionGaussian::default(),
-            sampled_motion: MotionGaussian::default(),
+            motion_since_scan: MotionByNoise::default(),
             controls: 0,
             samplings: 0,
             steps: 0,
@@ -226,12 +227,10 @@ impl<M: MeasurementModel> FastSlam<M> {
                     let first_particle = first as u32;
                     motion.sample(control, dt_s, stream, PoseColumns { first_particle, x, y, heading });
                 });
-                if self.examines() {
-                    self.sampled_motion = self.config.motion.extend(&self.sampled_motion, control, dt_s);
-                }
             }
             _ => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
         }
+        self.motion_since_scan = self.config.motion.extend_by_noise(&self.motion_since_scan, control, dt_s);
         self.remember_motion(control, dt_s);
         self.controls += 1;
         Ok(())
@@ -246,7 +245,11 @@ impl<M: MeasurementModel> FastSlam<M> {
         let mut info = StepInfo { step: self.steps, ..StepInfo::default() };
         let mut rounds = std::mem::take(&mut self.rounds);
         let used = self.fill_rounds(&mut rounds, sightings, &mut info.skipped);
+        if self.identities == Identities::All {
+            rounds[..used].iter_mut().for_each(|round| self.doubt_names(round, &mut info));
+        }
         info.sightings = rounds[..used].iter().map(|round| round.len() as u32).sum();
+        self.watch.begin(stamp_s, info.sightings);
         let births_before = self.landmarks.births();
         info.sampled = !self.keeps_motion_pending(&rounds[0]);
         let done = rounds[..used].iter().try_for_each(|round| self.process(round, &mut info));
@@ -376,7 +379,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.noise_report = self.watch.noise.of_window();
         }
         if info.sightings > 0 {
-            self.sampled_motion = MotionGaussian::default();
+            self.motion_since_scan = MotionByNoise::default();
         }
         (info.nis, info.nis_band) = (self.noise_report.nis, self.noise_report.band);
         info.noise_warnings = self.noise_report.warnings;
@@ -387,6 +390,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             T_world_robot: self.estimate.mean,
             pose_covariance: self.estimate.covariance,
             births_before,
+            names_known: self.identities == Identities::All,
             map_in_view: self.map_in_view.take(),
         };
         let model = &self.model;
@@ -396,6 +400,11 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// What the innovations of the whole run say of the configured noise.
     pub fn noise_report(&self) -> NoiseReport {
         self.watch.noise.of_run()
+    }
+
+    /// Names that were seen at two places.
+    pub fn two_places(&self) -> Vec<TwoPlaces> {
+        self.watch.names.two_places()
     }
 
     /// Mean and covariance of the pose, motion since the last sampling included.

@@ -6,11 +6,13 @@
 //! its `dispatch!`; [`crate::testing::check_motion_model`] puts it through its conformance suite.
 
 mod ackermann;
+mod by_noise;
 mod increments;
 mod odometry;
 mod velocity;
 
 pub use ackermann::Ackermann;
+pub use by_noise::{MotionByNoise, NoiseKeys, CONTROL_NOISES};
 pub use increments::Increments;
 pub use odometry::Odometry;
 pub use velocity::Velocity;
@@ -151,6 +153,12 @@ impl Motion {
     /// **Why:** the recursion P ← F P Fᵀ + G Σ Gᵀ with F, G by automatic differentiation holds for any model.
     pub fn extend(&self, motion: &MotionGaussian, control: [f64; 3], dt_s: f64) -> MotionGaussian {
         dispatch!(self, m => extend(m, motion, m.condition(control, dt_s)))
+    }
+
+    /// The same with what each noise adds apart.
+    pub fn extend_by_noise(&self, motion: &MotionByNoise, control: [f64; 3], dt_s: f64) -> MotionByNoise {
+        let noises = self.noises();
+        dispatch!(self, m => motion.extended(m, m.condition(control, dt_s), noises))
     }
 }
 

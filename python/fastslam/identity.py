@@ -1,0 +1,11 @@
+"""What stands in a log, or comes from a detector, where nobody knows which landmark a sighting shows."""
+
+from __future__ import annotations
+
+NOBODY_KNOWS = frozenset({"", "-1", "-1.0", "nan", "none", "null", "unknown"})
+"""Words for that, in lower case."""
+
+
+def nobody_knows(text: str) -> bool:
+    """Whether an identity, as text, says that nobody knows it: `NOBODY_KNOWS` in any case, blanks aside."""
+    return text.strip().lower() in NOBODY_KNOWS

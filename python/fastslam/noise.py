@@ -1,0 +1,56 @@
+"""What the innovations say against the configured noise, in sentences: what is wrong, what to set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+SMALLEST_SAID = 0.1
+"""A factor below this is said to be below it: the log hardly tells what is right."""
+
+
+def noise_sentences(warnings: Iterable[Mapping[str, Any]], config: Mapping[str, Any]) -> tuple[str, ...]:
+    """One sentence for each warning of the core, with the values to set in place of those of `config`."""
+    return tuple(_sentence(warning, config) for warning in warnings)
+
+
+def _sentence(warning: Mapping[str, Any], config: Mapping[str, Any]) -> str:
+    factor: float = warning["std_factor"]
+    low, high = warning["nis_band"]
+    found = f"NIS {warning['nis']:.2f}, band {low:.2f}-{high:.2f}"
+    what, keys = warning["what"], warning["keys"]
+    if what is None:
+        return (
+            f"innovations are {_times(factor)} as large as the noise settings say ({found}), and the log "
+            "does not tell whether `sensor` or `motion` is to blame"
+        )
+    values = {key: value for key in keys if (value := _value(config, key)) is not None}
+    named = " and ".join(values)
+    direction = "raise" if factor > 1.0 else "lower"
+    scale = factor ** warning["power"]
+    verb = "says" if len(values) == 1 else "say"
+    advice = " and ".join(f"{key} to about {_short(value * scale)}" for key, value in values.items())
+    if keys[0].startswith("sensor."):
+        # A filter that believes repeated errors to be new ones grows too sure; wide noise is a common remedy.
+        unless = ", unless the errors of successive scans repeat" if factor < 1.0 else ""
+        subject = f"{what} innovations are {_times(factor)} as large as {named} {verb}"
+        return f"{subject} ({found}): {direction} {advice}{unless}"
+    subject = f"the odometry's {what} is off {_times(factor)} as much as {named} {verb}"
+    return f"{subject} ({found}): {direction} {advice}"
+
+
+def _value(config: Mapping[str, Any], key: str) -> float | None:
+    """The number at a dotted key; None where it is absent or 0, which no factor changes."""
+    value: Any = config
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return float(value) if isinstance(value, int | float) and value > 0 else None
+
+
+def _times(factor: float) -> str:
+    return "less than 0.1 times" if factor < SMALLEST_SAID else f"{_short(factor)} times"
+
+
+def _short(value: float) -> str:
+    """Two significant digits."""
+    return f"{float(f'{value:.1e}'):.6g}"

@@ -1,0 +1,118 @@
+"""What a run as a whole comes to, in sentences: nothing mapped, nothing seen twice, much left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from .health import health_warning
+from .log import Floats, Log, Sightings
+from .result import RunResult
+
+MANY_DROPPED = 0.01
+"""From this fraction on, sightings that were not used are worth a line."""
+MANY_LEFT_OUT = 0.005
+"""The same for those whose name cannot be right, most of which are noticed and left out."""
+UNITS = {"feet": 0.3048, "centimetres": 1e-2, "millimetres": 1e-3}
+"""What ranges may be in by mistake, in metres; the largest that fits is asked about."""
+
+
+TwoPlaces: TypeAlias = tuple[int, float, float, int, float, float, int]
+"""An identity, then x, y and sightings of the place in the map, then those of the other place."""
+
+
+def warnings_of(result: RunResult) -> tuple[str, ...]:
+    """Everything that speaks against a run, a sentence each: verdict, noise, health."""
+    unhealthy = health_warning(result.steps)
+    return (*result.verdict, *result.warnings, *(() if unhealthy is None else (unhealthy,)))
+
+
+def is_empty(result: RunResult) -> bool:
+    """Whether the run made no map at all though it came to the end of its log."""
+    return len(result.landmarks.ids) == 0 and not result.interrupted
+
+
+def named_twice(sightings: Sightings) -> int:
+    """How many sightings name a landmark that an earlier one of the same stamp names too."""
+    named = sightings.identity >= 0
+    pairs = np.column_stack([sightings.stamp_s[named], sightings.identity[named]])
+    return len(pairs) - len(np.unique(pairs, axis=0)) if len(pairs) else 0
+
+
+def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -> tuple[str, ...]:
+    """What the run comes to where that is less than a map and a path, and what the names contradict.
+
+    `two_places` is the core's list of names that were seen at two places.
+    """
+    if result.interrupted:
+        return ()
+    total = len(log.sightings.stamp_s)
+    if total == 0:
+        return ("nothing was mapped: the log has no sightings; the path is that of the odometry alone",)
+    dropped = tuple(_dropped(result, log.sightings))
+    return (*dropped, *_map_verdict(result, total, explained=bool(dropped)), *_names(result, log, two_places))
+
+
+def _map_verdict(result: RunResult, total: int, *, explained: bool) -> Iterator[str]:
+    if is_empty(result):
+        if not explained:
+            yield f"nothing was mapped: none of the {total:,} sightings founded a landmark"
+    elif not result.steps.matched.any():
+        used = int(result.steps.sightings.sum())
+        yield (
+            f"no landmark was seen twice: each of the {used:,} sightings was taken for a new one, so nothing "
+            "corrects the odometry"
+        )
+
+
+def _names(result: RunResult, log: Log, two_places: Iterable[TwoPlaces]) -> Iterator[str]:
+    total = len(log.sightings.stamp_s)
+    for identity, x_m, y_m, seen, other_x_m, other_y_m, seen_there in two_places:
+        yield (
+            f"landmark {log.identity_names[identity]} stands at two places: ({x_m:.1f}, {y_m:.1f}) m, seen "
+            f"{seen:,} times, and ({other_x_m:.1f}, {other_y_m:.1f}) m, seen {seen_there:,} times; the "
+            "second was left out: is the name on two landmarks?"
+        )
+    if result.config["association"]["mode"] != "known":
+        return
+    left_out = int(result.steps.ignored.sum()) if (log.sightings.identity >= 0).all() else 0
+    if left_out >= MANY_LEFT_OUT * total:
+        yield (
+            f"{left_out:,} of {total:,} sightings name a landmark that cannot be seen there and were left "
+            "out: misread names? With association.mode = unknown none is needed"
+        )
+    twice = result.counts.get("sightings_named_twice_in_a_scan", 0)
+    if twice > MANY_DROPPED * total:
+        yield f"{twice:,} of {total:,} sightings name a landmark that another one of their scan names too"
+
+
+def _dropped(result: RunResult, sightings: Sightings) -> Iterator[str]:
+    """A sentence for each reason for which many sightings were left out."""
+    total, sensor = len(sightings.stamp_s), result.config["sensor"]
+    reasons = {
+        "sightings_too_far": f"lie beyond sensor.max_range_m = {sensor['max_range_m']:g}"
+        + _unit(sightings.range_m, sensor),
+        "sightings_too_near": f"lie nearer than sensor.min_range_m = {sensor['min_range_m']:g}",
+        "sightings_not_finite": "are not finite or have a bearing that is no angle",
+        "sightings_without_identity": "name no landmark, and with association.mode = known none is guessed",
+        "sightings_bad_covariance": "have a covariance that is not positive definite",
+    }
+    for name, reason in reasons.items():
+        count = result.counts.get(name, 0)
+        if count > MANY_DROPPED * total:
+            subject = f"all {total:,} sightings" if count >= total else f"{count:,} of {total:,} sightings"
+            end = ": nothing was mapped" if count >= total else " and were left out"
+            yield f"{subject} {reason}{end}"
+
+
+def _unit(range_m: Floats, sensor: Mapping[str, Any]) -> str:
+    """Asks for another unit where nearly all ranges are in reach in it, and half of them not in metres."""
+    nearest_m, farthest_m = sensor["min_range_m"], sensor["max_range_m"]
+    if np.mean(range_m > farthest_m) < 0.5:
+        return ""
+    for unit, metres in UNITS.items():
+        if np.mean((range_m * metres >= nearest_m) & (range_m * metres <= farthest_m)) > 0.99:
+            return f" ({unit}?)"
+    return ""
