@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -164,3 +165,36 @@ class Log:
     problems: tuple[Problem, ...] = ()
     notes: tuple[str, ...] = ()
     """What the reader took for granted where the files leave it open."""
+
+    @classmethod
+    def from_arrays(
+        cls,
+        controls: tuple[ArrayLike, ArrayLike],
+        sightings: tuple[ArrayLike, ArrayLike, ArrayLike],
+        *,
+        identities: Sequence[object] | None = None,
+        config: Mapping[str, Any] | None = None,
+        name: str = "arrays",
+    ) -> Log:
+        """A log from arrays, or columns of a data frame; nothing given is kept or changed.
+
+        `controls` are `stamp_s` (N,), which grows, and values (N, 2) or (N, 3), as the motion model of
+        `config` takes them (see `Controls`). `sightings` are `stamp_s`, `range_m`, `bearing_rad`, all (S,),
+        in any order. `identities` (S) names the landmark of each; None, NaN or the empty text where unknown.
+
+        >>> log = Log.from_arrays(
+        ...     ([0.0, 0.1], [[1.0, 0.0], [1.0, 0.2]]), ([0.1], [4.2], [0.3]), identities=["post"]
+        ... )
+        >>> log.identity_names, log.sightings.identity.tolist()
+        (('post',), [0])
+
+        Errors: `DataError` for arrays that do not fit each other or hold what is no finite number.
+        """
+        from .arrays import log_from_arrays
+
+        return log_from_arrays(controls, sightings, identities=identities, config=config, name=name)
+
+    def __repr__(self) -> str:
+        from .cards import log_card
+
+        return log_card(self)

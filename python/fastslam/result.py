@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
+
+from .errors import ConfigError
 from .log import Bools, Floats, Ints
 
 
@@ -46,6 +49,36 @@ class LandmarkMap:
         if index < 0:
             return ""
         return self.class_names[index] if index < len(self.class_names) else str(index)
+
+    def to_geojson(self, *, coordinates: Literal["local_metres"]) -> dict[str, Any]:
+        """The landmarks as a GeoJSON FeatureCollection of points, with id, sightings and standard deviations.
+
+        GeoJSON means longitude and latitude unless both sides agree on something else (RFC 7946, section 4).
+        `coordinates="local_metres"` says that you know that these are x and y in the world of the run.
+        Errors: `ConfigError` for anything else.
+        """
+        if coordinates != "local_metres":
+            raise ConfigError(f"coordinates: got {coordinates}, expected local_metres")
+        features = [self._feature(row) for row in range(len(self.ids))]
+        return {"type": "FeatureCollection", "coordinate_system": coordinates, "features": features}
+
+    def _feature(self, row: int) -> dict[str, Any]:
+        x_std_m, y_std_m = np.sqrt(np.diag(self.covariance_m2[row])).tolist()
+        properties: dict[str, Any] = {"id": self.ids[row], "sightings": int(self.sightings[row])}
+        properties |= {"x_std_m": x_std_m, "y_std_m": y_std_m, "class": self.class_name(row) or None}
+        properties["confirmed"] = None if self.confirmed is None else bool(self.confirmed[row])
+        point = {"type": "Point", "coordinates": self.mean_m[row].tolist()}
+        return {"type": "Feature", "id": self.ids[row], "geometry": point, "properties": properties}
+
+    def __repr__(self) -> str:
+        from .cards import map_card
+
+        return map_card(self)
+
+    def _repr_html_(self) -> str:
+        from .cards import card_html, map_card, map_picture
+
+        return card_html(map_card(self), map_picture(self))
 
 
 @dataclass(frozen=True)
@@ -109,3 +142,14 @@ class RunResult:
     """What the examination of the log found before the run: code, severity, message and remedy of each."""
     noise: dict[str, Any] = field(default_factory=dict)
     """The figures behind that: mean NIS with its band, and a factor for each standard deviation."""
+
+    def __repr__(self) -> str:
+        from .cards import result_card
+
+        return result_card(self)
+
+    def _repr_html_(self) -> str:
+        from .cards import card_html, map_picture, result_card
+
+        path = self.smoothed if len(self.smoothed.stamp_s) else self.trajectory
+        return card_html(result_card(self), map_picture(self.landmarks, path.T_world_robot[:, :2]))

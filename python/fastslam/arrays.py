@@ -1,0 +1,87 @@
+"""Logs from arrays in memory, checked as files are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .errors import DataError
+from .log import Controls, Floats, Ints, Log, Sightings
+
+_SOURCE = "arrays"
+
+
+def log_from_arrays(
+    controls: tuple[ArrayLike, ArrayLike],
+    sightings: tuple[ArrayLike, ArrayLike, ArrayLike],
+    *,
+    identities: Sequence[object] | None = None,
+    config: Mapping[str, Any] | None = None,
+    name: str = "arrays",
+) -> Log:
+    """See `Log.from_arrays`."""
+    stamp_s, values = _column("controls: stamp_s", controls[0]), _table("controls: values", controls[1])
+    if len(stamp_s) != len(values):
+        raise DataError(f"controls: got {len(stamp_s):,} stamps and {len(values):,} rows of values")
+    if np.any(np.diff(stamp_s) <= 0.0):
+        row = int(np.flatnonzero(np.diff(stamp_s) <= 0.0)[0]) + 1
+        raise DataError(f"controls: stamp_s must grow, but row {row} ({stamp_s[row]:g}) does not")
+    names = ("stamp_s", "range_m", "bearing_rad")
+    columns = [_column(f"sightings: {key}", value) for key, value in zip(names, sightings, strict=True)]
+    given = [None] * len(columns[0]) if identities is None else list(identities)
+    lengths = {len(column) for column in (*columns, given)}
+    if len(lengths) > 1:
+        raise DataError(f"sightings: arrays and identities must be of one length, got {sorted(lengths)}")
+    if np.any(columns[1] < 0.0):
+        row = int(np.flatnonzero(columns[1] < 0.0)[0])
+        raise DataError(f"sightings: range_m must not be negative, but row {row} is {columns[1][row]:g}")
+    order = np.argsort(columns[0], kind="stable")
+    identity, known = _identities(given)
+    seen = Sightings(
+        stamp_s=columns[0][order],
+        range_m=columns[1][order],
+        bearing_rad=columns[2][order],
+        identity=identity[order],
+        class_index=np.full(len(order), -1, dtype=np.int64),
+        signature=np.full(len(order), np.nan),
+    )
+    return Log(name, _SOURCE, "native", Controls(stamp_s, values), seen, known, config=dict(config or {}))
+
+
+def _column(name: str, values: ArrayLike) -> Floats:
+    return _finite(name, values, dimensions=1)
+
+
+def _table(name: str, values: ArrayLike) -> Floats:
+    table = _finite(name, values, dimensions=2)
+    if table.shape[1] not in (2, 3):
+        raise DataError(f"{name}: got {table.shape[1]} columns, expected 2 or 3")
+    return table
+
+
+def _finite(name: str, values: ArrayLike, *, dimensions: int) -> Floats:
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{name}: not numbers ({error})") from None
+    if array.ndim != dimensions:
+        raise DataError(f"{name}: got an array of shape {array.shape}, expected {dimensions} dimension(s)")
+    bad = np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
+    if len(bad):
+        raise DataError(f"{name}: row {bad[0]} is not finite")
+    return array
+
+
+def _identities(given: Sequence[object]) -> tuple[Ints, tuple[str, ...]]:
+    """Indices and names in the order of appearance; None, NaN and the empty text stand for unknown."""
+    texts = [None if _is_missing(value) else str(value) for value in given]
+    names = tuple(dict.fromkeys(text for text in texts if text is not None))
+    index = {name: number for number, name in enumerate(names)}
+    return np.array([-1 if text is None else index[text] for text in texts], dtype=np.int64), names
+
+
+def _is_missing(value: object) -> bool:
+    return value is None or value == "" or (isinstance(value, float) and bool(np.isnan(value)))
