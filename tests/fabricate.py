@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from fastslam import _core
 from fastslam.evaluation import RigidTransform
 from fastslam.log import Controls, Floats, Log, PositionFixes, Sightings, TruthLandmarks, TruthTrajectory
 from fastslam.result import LandmarkMap, RunResult, Steps, Trajectory
@@ -100,20 +101,22 @@ def make_steps(stamp_s: Floats) -> Steps:
     """Two sightings a step, resampled every tenth, latencies 1, 2, 3 ... microseconds."""
     count = len(stamp_s)
     resampled = np.arange(count) % 10 == 9
-    return Steps(
-        stamp_s=stamp_s,
-        effective_sample_size=100.0 - 5.0 * (np.arange(count) % 10),
-        resampled=resampled,
-        rejuvenated=np.zeros(count, dtype=np.bool_),
-        log_likelihood=np.full(count, -0.5),
-        sightings=np.full(count, 2, dtype=np.int64),
-        new_landmarks=np.zeros(count, dtype=np.int64),
-        ignored=np.zeros(count, dtype=np.int64),
-        landmarks=np.full(count, 8, dtype=np.int64),
-        latency_us=np.arange(1.0, count + 1.0),
-        matched=np.full(count, 2, dtype=np.int64),
-        particles=np.full(count, 100, dtype=np.int64),
-        nis=np.full(count, 2.1),
-        health=np.where(np.arange(count) < 10, 0, np.where(np.arange(count) % 50 < 45, 1, 2)),
-        health_reasons=np.where((np.arange(count) >= 10) & (np.arange(count) % 50 >= 45), 6, 0),
-    )
+    counts = {name: np.zeros(count, dtype=np.int64) for name, kind in _core.step_fields() if kind == "count"}
+    numbers = {name: np.zeros(count) for name, kind in _core.step_fields() if kind == "number"}
+    flags = {name: np.zeros(count, dtype=np.bool_) for name, kind in _core.step_fields() if kind == "flag"}
+    given: dict[str, Any] = {
+        "stamp_s": stamp_s,
+        "step": np.arange(count),
+        "effective_sample_size": 100.0 - 5.0 * (np.arange(count) % 10),
+        "resampled": resampled,
+        "log_likelihood": np.full(count, -0.5),
+        "sightings": np.full(count, 2, dtype=np.int64),
+        "landmarks": np.full(count, 8, dtype=np.int64),
+        "latency_us": np.arange(1.0, count + 1.0),
+        "matched": np.full(count, 2, dtype=np.int64),
+        "particles": np.full(count, 100, dtype=np.int64),
+        "nis": np.full(count, 2.1),
+        "health": np.where(np.arange(count) < 10, 0, np.where(np.arange(count) % 50 < 45, 1, 2)),
+        "health_reasons": np.where((np.arange(count) >= 10) & (np.arange(count) % 50 >= 45), 6, 0),
+    }
+    return Steps(**{**counts, **numbers, **flags, **given})

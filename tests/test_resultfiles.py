@@ -188,7 +188,7 @@ def test_a_folder_named_latest_is_left_alone(tmp_path: Path) -> None:
         ("smoothed.tum", "0 0 0 x 0 0 0 1\n", r"smoothed\.tum:1: expected a number, got 'x'"),
         ("landmarks.csv", "id,x,y\n", r"landmarks\.csv:1: expected the header id,x_m"),
         ("steps.csv", "", r"steps\.csv:1: expected the header"),
-        ("config.yaml", "[1, 2", r"config\.yaml: not YAML"),
+        ("config.yaml", "[1, 2", r"config\.yaml:1: not YAML"),
         ("config.yaml", "- 1\n", r"config\.yaml:1: expected a mapping"),
         ("run.json", "{\n", r"run\.json:\d: not JSON"),
         ("run.json", "{}", r"run\.json: `version` is missing"),

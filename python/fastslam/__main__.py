@@ -1,5 +1,5 @@
 """Lets `python -m fastslam` stand for `fastslam`."""
 
-from .cli import main
+from ._entry import main
 
 main()

@@ -1,7 +1,7 @@
 """The compiled core. Call it through the typed functions of the package."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeAlias
 
 from .log import Floats, Ints, Ranges
 
@@ -48,6 +48,9 @@ def run(
 ) -> dict[str, Any]:
     """Runs the filter over a log. ValueError for a bad log, RuntimeError when the filter cannot go on."""
 
+def step_fields() -> list[tuple[str, str]]:
+    """Name and kind (number, count, flag, status, reasons) of what crosses of a step: the one list."""
+
 def detector_schema() -> str:
     """The JSON Schema of the settings of the detectors."""
 
@@ -82,20 +85,17 @@ def scan_arena(
 ) -> Floats:
     """Casts rays at rocks (x, y, radius) and walls (two ends): ranges, one row per pose of the sensor."""
 
+_ScanColumns: TypeAlias = tuple[Floats, Floats, Ints, Floats | None, Ints | None, Floats | None]
+"""Range, bearing and identity of the sightings, then covariance (n, 3), class and signature."""
+
 class Filter:
-    """The filter, one control and one scan at a time."""
+    """The filter, one control and one scan at a time; several threads may use it."""
 
     def __new__(cls, config_json: str, identities: str) -> Filter: ...
     def predict(self, control: list[float], dt_s: float) -> None: ...
-    def update(
-        self,
-        stamp_s: float,
-        range_m: Floats,
-        bearing_rad: Floats,
-        identity: Ints,
-        noise: Floats | None = None,
-        class_index: Ints | None = None,
-        signature: Floats | None = None,
+    def update(self, stamp_s: float, scan: _ScanColumns) -> dict[str, Any]: ...
+    def step(
+        self, control: list[float], dt_s: float, stamp_s: float, scan: _ScanColumns
     ) -> dict[str, Any]: ...
     def pose(self) -> tuple[Floats, Floats]: ...
     def particles(self) -> tuple[Floats, Floats]: ...

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+import threading
+from collections import ChainMap
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,9 +18,10 @@ from .config import Config
 from .errors import DataError, NumericalError
 from .health import reason_names, status_name
 from .identity import nobody_knows
+from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, is_definite, stamp_fault
 from .log import Floats, Ints
 from .noise import noise_sentences
-from .result import LandmarkMap, Trajectory
+from .result import LandmarkMap, StepFields, Trajectory
 from .settings import Layer
 
 Identity = str | float | None
@@ -26,36 +30,15 @@ Identity = str | float | None
 
 
 @dataclass(frozen=True)
-class StepInfo:
-    """What one update did; `skipped` counts sightings not finite, too near, too far or without identity.
+class StepInfo(StepFields[float, int, bool, str, tuple[str, ...]]):
+    """What one update did, with how the innovations lately contradict the configured noise."""
 
-    `health` is `initializing`, `ok`, `degraded` or `lost`, `health_reasons` says why
-    (`fastslam.health.REASONS`), and `warnings` how the innovations lately contradict the configured noise.
-    """
-
-    step: int
-    sightings: int
-    new_landmarks: int
-    ignored: int
-    skipped: int
-    effective_sample_size: float
-    resampled: bool
-    rejuvenated: bool
-    log_likelihood: float
-    landmarks: int
-    matched: int
-    """Sightings of landmarks that were known, in the best particle."""
-    removed: int
-    repaired: int
-    """Landmark covariances that lost definiteness, over all particles."""
-    particles: int
-    nis: float
-    """Mean normalised innovation squared per sighting, sliding window; 2 is expected, 0 before the first."""
-    nis_band: tuple[float, float]
-    """What holds 95 % of such means when the noise is right."""
-    health: str
-    health_reasons: tuple[str, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def nis_band(self) -> tuple[float, float]:
+        """What holds 95 % of the means `nis` when the noise is right."""
+        return (self.nis_band_low, self.nis_band_high)
 
 
 class FastSlam:
@@ -71,6 +54,11 @@ class FastSlam:
     >>> info.new_landmarks, sorted(robot.landmarks.ids)
     (2, ['elm', 'oak'])
 
+    A call that raises `DataError` changes nothing. After a `NumericalError`, which says that no particle can
+    explain a scan, all particles count the same and the stream may go on; the motion before the scan stays.
+    Several threads may share one filter: each call sees it between two calls of the others, and the
+    interpreter is free while the filter works.
+
     Errors: `ConfigError` for the configuration.
     """
 
@@ -82,21 +70,21 @@ class FastSlam:
         self._control_columns = _core.control_columns(self.config.to_json())
         self._index_of: dict[str, int] = {}
         self._stamp_s = 0.0
-        self._updated_s = -np.inf
+        self._updated_s = -math.inf
+        # Held for a whole call, so that names, stamps and the core's state are of one moment.
+        self._lock = threading.RLock()
 
     def predict(self, control: ArrayLike, dt_s: float) -> None:
         """Moves the robot: a control of the motion model (2 or 3 numbers) that acted for `dt_s`.
 
-        Errors: `DataError` for another number of values, or values that are not finite.
+        Errors: `DataError` for another number of values, values that are not finite, or a motion that no
+        robot makes.
         """
-        values = np.zeros(3)
-        given = np.atleast_1d(np.asarray(control, dtype=np.float64))
-        if given.shape != (len(self._control_columns),):
-            raise DataError(f"control: got shape {given.shape}, expected {', '.join(self._control_columns)}")
-        values[: len(given)] = given
-        with _core_errors():
-            self._filter.predict(values.tolist(), dt_s)
-        self._stamp_s += dt_s
+        values, seconds = self._control(control), _number("dt_s", dt_s)
+        with self._lock:
+            with _core_errors():
+                self._filter.predict(values, seconds)
+            self._stamp_s += seconds
 
     def update(
         self,
@@ -114,40 +102,15 @@ class FastSlam:
         Shapes: all (S,); `covariance` (S, 3) is that of each range and bearing as (m², m·rad, rad²), NaN
         where the sensor's own noise holds. `class_index` (-1: none) and `signature` (NaN: none) count where
         `association.classes` and `association.signatures` are configured. Errors: `DataError` for columns of
-        different lengths, a stamp before the last one, or an identity that is neither name nor number;
-        `NumericalError` when the filter cannot go on.
+        different lengths, bearings in degrees, a covariance that is none, a class that is not configured, a
+        stamp before the last one or before the end of the last control, or an identity that is neither name
+        nor number; `NumericalError` when no particle can explain the scan.
         """
-        if not (np.isfinite(stamp_s) and stamp_s >= self._updated_s):
-            raise DataError(f"stamp_s: got {stamp_s}, expected a finite time not before {self._updated_s}")
-        ranges = np.atleast_1d(np.asarray(range_m, dtype=np.float64))
-        bearings = np.atleast_1d(np.asarray(bearing_rad, dtype=np.float64))
-        noise = None if covariance is None else np.asarray(covariance, dtype=np.float64).reshape(-1, 3)
-        classes = None if class_index is None else np.atleast_1d(np.asarray(class_index, dtype=np.int64))
-        signatures = None if signature is None else np.atleast_1d(np.asarray(signature, dtype=np.float64))
-        with _core_errors():
-            columns = self._filter.update(
-                stamp_s,
-                ranges,
-                bearings,
-                self._indices(identity, len(ranges)),
-                noise,
-                classes,
-                signatures,
-            )
-        self._stamp_s = self._updated_s = stamp_s
-        columns["health"] = status_name(columns["health"])
-        columns["health_reasons"] = reason_names(columns["health_reasons"])
-        columns["warnings"] = noise_sentences(columns["warnings"], self.config)
-        return StepInfo(**columns)
-
-    def rejuvenate(self) -> bool:
-        """Draws all particles anew from the posterior over paths, given the best particle's associations.
-
-        For the end of a log, or a moment when the robot stands; by itself the filter does it as often as
-        `filter.rejuvenation` says. Returns False when `filter.rejuvenation.every_steps` is 0, when nothing
-        happened since the last time, or when no solution was found.
-        """
-        return self._filter.rejuvenate()
+        scan = self._scan(range_m, bearing_rad, identity, covariance, class_index, signature)
+        stamp = _number("stamp_s", stamp_s)
+        with self._lock:
+            self._check_stamp(stamp)
+            return self._told(stamp, scan, lambda columns: self._filter.update(stamp, columns))
 
     def step(
         self,
@@ -158,38 +121,190 @@ class FastSlam:
         bearing_rad: ArrayLike = (),
         identity: Sequence[Identity] | None = None,
     ) -> StepInfo:
-        """`predict`, then `update` at the time that the controls since the last update (or 0) add up to."""
-        self.predict(control, dt_s)
-        return self.update(self._stamp_s, range_m=range_m, bearing_rad=bearing_rad, identity=identity)
+        """`predict`, then `update` at the time that the controls since the last update (or 0) add up to.
+
+        Where the scan is refused the robot has not moved either.
+        """
+        values, seconds = self._control(control), _number("dt_s", dt_s)
+        scan = self._scan(range_m, bearing_rad, identity)
+        with self._lock:
+            stamp = self._stamp_s + seconds
+            return self._told(stamp, scan, lambda columns: self._filter.step(values, seconds, stamp, columns))
+
+    def rejuvenate(self) -> bool:
+        """Draws all particles anew from the posterior over paths, given the best particle's associations.
+
+        For the end of a log, or a moment when the robot stands; by itself the filter does it as often as
+        `filter.rejuvenation` says. Returns False when `filter.rejuvenation.every_steps` is 0, when nothing
+        happened since the last time, or when no solution was found.
+        """
+        with self._lock:
+            return self._filter.rejuvenate()
 
     @property
     def pose(self) -> tuple[Floats, Floats]:
         """Mean `T_world_robot` (3,) as x, y, heading and its covariance (3, 3), over all particles."""
-        return self._filter.pose()
+        with self._lock:
+            return self._filter.pose()
 
     @property
     def particles(self) -> tuple[Floats, Floats]:
         """Poses `T_world_robot` (M, 3) and normalised weights (M,)."""
-        return self._filter.particles()
+        with self._lock:
+            return self._filter.particles()
 
     @property
     def landmarks(self) -> LandmarkMap:
         """The map of the mixture; landmarks without an identity are named `L<birth number>`."""
-        return landmark_map(self._filter.map(), tuple(self._index_of))
+        with self._lock:
+            return landmark_map(self._filter.map(), tuple(self._index_of))
 
     @property
     def path(self) -> Trajectory:
         """The path of the best particle so far."""
-        return Trajectory(*self._filter.best_path())
+        with self._lock:
+            return Trajectory(*self._filter.best_path())
 
-    def _indices(self, identity: Sequence[Identity] | None, count: int) -> Ints:
-        if identity is None:
-            return np.full(count, -1, dtype=np.int64)
-        names = [_name(value) for value in identity]
-        return np.array(
-            [-1 if name is None else self._index_of.setdefault(name, len(self._index_of)) for name in names],
-            dtype=np.int64,
+    def _control(self, control: ArrayLike) -> list[float]:
+        given = _column("control", control, np.float64)
+        if given.shape != (len(self._control_columns),):
+            raise DataError(f"control: got shape {given.shape}, expected {', '.join(self._control_columns)}")
+        return [*map(float, given), *(0.0,) * (3 - len(given))]
+
+    def _scan(
+        self,
+        range_m: ArrayLike,
+        bearing_rad: ArrayLike,
+        identity: Sequence[Identity] | None,
+        covariance: ArrayLike | None = None,
+        class_index: ArrayLike | None = None,
+        signature: ArrayLike | None = None,
+    ) -> _Scan:
+        """The sightings of a call, checked as those of a file are."""
+        scan = _Scan(
+            range_m=_column("range_m", range_m, np.float64),
+            bearing_rad=_column("bearing_rad", bearing_rad, np.float64),
+            names=None if identity is None else _names(identity),
+            covariance=None if covariance is None else _covariances(covariance),
+            class_index=None if class_index is None else _classes(class_index),
+            signature=None if signature is None else _column("signature", signature, np.float64),
         )
+        if (np.abs(scan.bearing_rad[np.isfinite(scan.bearing_rad)]) > LARGEST_BEARING_RAD).any():
+            raise DataError(f"bearing_rad: {DEGREES_HINT}")
+        if (
+            scan.class_index is not None
+            and (scan.class_index >= 0).any()
+            and self.config["association"]["classes"] is None
+        ):
+            raise DataError("class_index: association.classes is not configured")
+        return scan
+
+    def _check_stamp(self, stamp_s: float) -> None:
+        fault = stamp_fault(stamp_s) if math.isfinite(stamp_s) else None
+        if fault is not None:
+            raise DataError(f"stamp_s: {fault}")
+        if not (math.isfinite(stamp_s) and stamp_s >= self._updated_s):
+            raise DataError(f"stamp_s: got {stamp_s}, expected a finite time not before {self._updated_s}")
+        # The sum of many dt_s is rounded; a scan between two of them is another matter.
+        slack_s = 1e-6 + 1e-9 * abs(self._stamp_s)
+        moved = self._stamp_s > max(self._updated_s, 0.0)
+        if moved and stamp_s < self._stamp_s - slack_s:
+            raise DataError(
+                f"stamp_s: got {stamp_s}, but the robot has been moved up to {self._stamp_s} s: "
+                "predict only up to the scan, then update, then predict the rest"
+            )
+
+    def _told(
+        self, stamp_s: float, scan: _Scan, work: Callable[[_core._ScanColumns], dict[str, Any]]
+    ) -> StepInfo:
+        """Gives a scan to the core; names and stamps are kept only where that succeeds."""
+        index_of: dict[str, int] = {}
+        for name in scan.names or ():
+            if name is not None and name not in self._index_of:
+                index_of.setdefault(name, len(self._index_of) + len(index_of))
+        columns = scan.columns(ChainMap(index_of, self._index_of))
+        with _core_errors():
+            answer = work(columns)
+        self._index_of.update(index_of)
+        self._stamp_s = self._updated_s = stamp_s
+        answer["health"] = status_name(answer["health"])
+        answer["health_reasons"] = reason_names(answer["health_reasons"])
+        answer["warnings"] = noise_sentences(answer["warnings"], self.config)
+        return StepInfo(**answer)
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """The arguments of one update, as arrays of the right kind."""
+
+    range_m: Floats
+    bearing_rad: Floats
+    names: tuple[str | None, ...] | None
+    covariance: Floats | None
+    class_index: Ints | None
+    signature: Floats | None
+
+    def columns(self, index_of: Mapping[str, int]) -> _core._ScanColumns:
+        """What the core takes: names as their numbers, -1 where there is none."""
+        count = len(self.range_m)
+        names = (None,) * count if self.names is None else self.names
+        identity = np.array([-1 if name is None else index_of[name] for name in names], dtype=np.int64)
+        return (self.range_m, self.bearing_rad, identity, self.covariance, self.class_index, self.signature)
+
+
+def _number(name: str, value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f"{name}: got {value!r}, expected a number") from None
+
+
+def _column(name: str, values: ArrayLike, dtype: type[np.float64]) -> Floats:
+    try:
+        column = np.atleast_1d(np.asarray(values, dtype=dtype))
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f"{name}: expected numbers, got {_shown(values)}") from None
+    if column.ndim != 1:
+        raise DataError(f"{name}: got shape {column.shape}, expected one number per sighting")
+    return column
+
+
+def _classes(class_index: ArrayLike) -> Ints:
+    classes = _column("class_index", class_index, np.float64)
+    if not (
+        np.isfinite(classes) & (classes == np.round(classes)) & (classes >= -1) & (classes < 2**32)
+    ).all():
+        raise DataError(
+            f"class_index: expected whole numbers from 0, or -1 for none, got {_shown(class_index)}"
+        )
+    return classes.astype(np.int64)
+
+
+def _covariances(covariance: ArrayLike) -> Floats:
+    try:
+        rows = np.asarray(covariance, dtype=np.float64).reshape(-1, 3)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError("covariance: expected n x 3 numbers (m², m·rad, rad²)") from None
+    given = ~np.isnan(rows).all(axis=1)
+    wrong = given & ~is_definite(rows)
+    if wrong.any():
+        row = rows[np.argmax(wrong)].tolist()
+        raise DataError(f"covariance: got {row}, expected a positive definite one or three NaN")
+    return rows
+
+
+def _names(identity: Sequence[Identity]) -> tuple[str | None, ...]:
+    if isinstance(identity, str):
+        raise DataError(f"identity: got the text {identity!r}, expected one name per sighting")
+    try:
+        return tuple(_name(value) for value in identity)
+    except TypeError:
+        raise DataError(f"identity: got {_shown(identity)}, expected one name per sighting") from None
+
+
+def _shown(value: object) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _name(identity: Identity) -> str | None:
@@ -207,14 +322,11 @@ def _name(identity: Identity) -> str | None:
 def landmark_map(
     columns: dict[str, np.ndarray], identity_names: tuple[str, ...], class_names: tuple[str, ...] = ()
 ) -> LandmarkMap:
-    """A map of the core, its identities replaced by their names."""
+    """A map of the core, its identities replaced by their names; no two landmarks share an id."""
     has_class = bool((columns["class_index"] >= 0).any())
     has_signature = bool(np.isfinite(columns["signature"]).any())
     return LandmarkMap(
-        ids=tuple(
-            f"L{birth}" if identity < 0 else identity_names[identity]
-            for birth, identity in zip(columns["birth"], columns["identity"], strict=True)
-        ),
+        ids=_unique_ids(columns["birth"].tolist(), columns["identity"].tolist(), identity_names),
         mean_m=columns["mean_m"],
         covariance_m2=columns["covariance_m2"],
         sightings=columns["sightings"],
@@ -223,6 +335,23 @@ def landmark_map(
         signature=columns["signature"] if has_signature else None,
         class_names=class_names if has_class else (),
     )
+
+
+def _unique_ids(births: list[int], identities: list[int], identity_names: tuple[str, ...]) -> tuple[str, ...]:
+    """The name of each landmark, else `L<birth number>`; a second of one name gets `#2`, and so on.
+
+    Names go first: a log may call a landmark `L7`, and a map may hold two that were seen under one name.
+    """
+    taken: set[str] = set()
+    ids = [""] * len(births)
+    for row in sorted(range(len(births)), key=lambda row: identities[row] < 0):
+        name = f"L{births[row]}" if identities[row] < 0 else identity_names[identities[row]]
+        number, ids[row] = 1, name
+        while ids[row] in taken:
+            number += 1
+            ids[row] = f"{name}#{number}"
+        taken.add(ids[row])
+    return tuple(ids)
 
 
 @contextmanager

@@ -9,10 +9,8 @@ from pathlib import Path
 from .evaluation import EvaluationOptions, Metrics, evaluate_run, summarize
 from .log import Log
 from .result import RunResult
-from .resultfiles import to_json, write_atomically, write_result
+from .resultfiles import RUNS_FILE, to_json, write_atomically, write_result
 from .timing import stage
-
-RUNS_FILE = "runs.json"
 
 
 def write_outputs(
@@ -28,7 +26,8 @@ def write_outputs(
 
     `other_runs` are the metrics of further runs over the same log (other seeds): then `runs.json` holds those
     of every run and their summary, and the report shows it. The numbers are written before the pictures, so
-    that nothing is lost should drawing fail. Errors: `DataError` where the folder cannot be written.
+    that nothing is lost should drawing fail; what an older run left in the folder goes with them. Errors:
+    `DataError` where the folder cannot be written.
     """
     target = Path(folder)
     with stage("evaluation"):

@@ -14,10 +14,8 @@ from .evaluation.display import MetricRow, format_metric, format_number, metric_
 from .evaluation.metrics import METRIC_UNITS, particle_count
 from .log import Log
 from .result import RunResult
-from .resultfiles import config_yaml, write_atomically
+from .resultfiles import REPORT_FILE, config_yaml, write_atomically
 from .verdict import warnings_of
-
-REPORT_FILE = "report.html"
 
 _CARDS = (
     ("ate_rmse_m", "path error, RMSE"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -81,33 +81,71 @@ class LandmarkMap:
         return card_html(map_card(self), map_picture(self))
 
 
+Number = TypeVar("Number")
+Count = TypeVar("Count")
+Flag = TypeVar("Flag")
+Status = TypeVar("Status")
+Reasons = TypeVar("Reasons")
+
+
 @dataclass(frozen=True)
-class Steps:
-    """One row per filter step (a stamp with sightings, or a filler in a long gap). Shapes: all (T,)."""
+class StepFields(Generic[Number, Count, Flag, Status, Reasons]):
+    """What the filter says of a step: once for one step (`StepInfo`) and once for many (`Steps`).
+
+    The fields are those of the core, in its order: `_core.step_fields()`, to which a test holds this class.
+    """
+
+    step: Count
+    """Number of the step, from 0; messages of errors name it."""
+    sightings: Count
+    """Sightings used."""
+    skipped: Count
+    """Sightings not finite, too near, too far, without identity or with a bad covariance."""
+    matched: Count
+    """Sightings of landmarks that were known, in the best particle."""
+    new_landmarks: Count
+    ignored: Count
+    """Sightings that were neither associated nor new."""
+    landmarks: Count
+    """Landmarks in the map of the best particle (filler steps repeat the last value)."""
+    removed: Count
+    """Landmarks that the best particle removed from its map."""
+    merged: Count
+    """Landmarks that the best particle merged with another one."""
+    particles: Count
+    effective_sample_size: Number
+    log_likelihood: Number
+    """Increment of the log evidence."""
+    resampled: Flag
+    rejuvenated: Flag
+    """Whether all particles were drawn anew from the posterior over paths."""
+    sampled: Flag
+    """Whether the poses are samples now; without sightings FastSLAM 2.0 waits."""
+    repaired: Count
+    """Landmark covariances that lost definiteness, over all particles."""
+    fell_back: Count
+    """Particles for which the scan was too large for joint association."""
+    nis: Number
+    """Mean normalised innovation squared per sighting, sliding window; 2 is expected, 0 before the first."""
+    nis_band_low: Number
+    """From here to `nis_band_high` lie 95 % of such means when the noise is right."""
+    nis_band_high: Number
+    health: Status
+    """`initializing`, `ok`, `degraded` or `lost`; in arrays `fastslam.health.HealthStatus`."""
+    health_reasons: Reasons
+    """Names in `fastslam.health.REASONS`; in arrays bits, which `fastslam.health.reason_names` names."""
+
+
+@dataclass(frozen=True)
+class Steps(StepFields[Floats, Ints, Bools, Ints, Ints]):
+    """One row per filter step (a stamp with sightings, or a filler in a long gap). Shapes: all (T,).
+
+    Read back from the files of an older version, a column that it did not write holds -1, NaN or False.
+    """
 
     stamp_s: Floats
-    effective_sample_size: Floats
-    resampled: Bools
-    rejuvenated: Bools
-    """Whether all particles were drawn anew from the posterior over paths."""
-    log_likelihood: Floats
-    """Increment of the log evidence."""
-    sightings: Ints
-    new_landmarks: Ints
-    ignored: Ints
-    """Sightings that were neither associated nor new."""
-    landmarks: Ints
-    """Landmarks in the map of the best particle (filler steps repeat the last value)."""
     latency_us: Floats
-    matched: Ints
-    """Sightings of landmarks that were known, in the best particle."""
-    particles: Ints
-    nis: Floats
-    """Mean normalised innovation squared per sighting, sliding window; 2 is expected, 0 before the first."""
-    health: Ints
-    """`fastslam.health.HealthStatus`."""
-    health_reasons: Ints
-    """Bits, one per reason; `fastslam.health.reason_names` names them."""
+    """Computing time of the step with the motion before it."""
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,16 @@ import json
 import math
 import os
 import uuid
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from . import _core
+from ._yaml import YamlError, parse_yaml, write_yaml
+from .csv_cells import guarded, unguarded
 from .errors import DataError
 from .evaluation import EvaluationOptions, Metrics, evaluate
 from .health import reason_bits, reason_names, status_code, status_name
@@ -33,30 +35,23 @@ PLACE_COLUMNS = ("id", "x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "sig
 """What the landmarks of older results have."""
 LANDMARK_COLUMNS = (*PLACE_COLUMNS, "confirmed", "class", "signature")
 """Of these the last two are empty where nothing is known."""
-STEP_COLUMNS: dict[str, type] = {
-    # Every column of `Steps` in the order of the file; `str`: named in the file, coded in memory.
-    "stamp_s": float,
-    "effective_sample_size": float,
-    "resampled": bool,
-    "rejuvenated": bool,
-    "log_likelihood": float,
-    "sightings": int,
-    "new_landmarks": int,
-    "ignored": int,
-    "landmarks": int,
-    "latency_us": float,
-    "matched": int,
-    "particles": int,
-    "nis": float,
-    "health": str,
-    "health_reasons": str,
-}
+STEP_COLUMNS: dict[str, str] = {"stamp_s": "number", "latency_us": "number", **dict(_core.step_fields())}
+"""Columns of `Steps` in the order of the file, each with its kind; status and reasons stand as names."""
 COVARIANCE_COLUMNS = (
     *("stamp_s", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2"),
     *("cov_xheading_m_rad", "cov_yheading_m_rad", "cov_headingheading_rad2"),
 )
 COVARIANCE_FILE = "trajectory_covariance.csv"
 RUN_FILE = "run.json"
+RUNS_FILE = "runs.json"
+LOG_FILE = "log.json"
+REPORT_FILE = "report.html"
+FIGURES = ("map", "error", "health", "effective_sample_size", "latency")
+OWN_FILES = (
+    *(RUN_FILE, TRAJECTORY_FILE, SMOOTHED_FILE, COVARIANCE_FILE, LANDMARKS_FILE, METRICS_FILE, CONFIG_FILE),
+    *(STEPS_FILE, RUNS_FILE, LOG_FILE, REPORT_FILE, *(f"{name}.png" for name in FIGURES)),
+)
+"""Every file that a run may leave in its folder. A new run removes those of an older one and nothing else."""
 
 
 def write_result(
@@ -69,7 +64,8 @@ def write_result(
 ) -> dict[str, Path]:
     """Write everything of a run except figures and report; returns file name to path.
 
-    Each file appears whole or not at all (temporary name, then rename). Poses and landmarks are in the world
+    Each file appears whole or not at all (temporary name, then rename), and all of them in the place of what
+    an older run left there (`OWN_FILES`; no other file is touched). Poses and landmarks are in the world
     frame of the run. `metrics` saves evaluating again. Errors: `DataError` where the folder cannot be
     written, or the estimate is not finite.
     """
@@ -86,7 +82,35 @@ def write_result(
     }
     if result.trajectory.covariance is not None:
         contents[COVARIANCE_FILE] = _covariance_csv(result.trajectory)
-    return {name: write_atomically(target / name, text) for name, text in contents.items()}
+    return replace_results(target, contents)
+
+
+def replace_results(folder: Path, contents: Mapping[str, str]) -> dict[str, Path]:
+    """Writes the files of a run in the place of an older run's; returns file name to path.
+
+    All are written under temporary names first: a full disk leaves the older run whole. Then `run.json`,
+    without which nothing reads the folder, goes first and comes last. Errors: `DataError`.
+    """
+    temporary = {name: folder / f".{name}.{uuid.uuid4().hex}" for name in contents}
+    path = folder
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            for name, path in temporary.items():
+                path.write_bytes(contents[name].encode())
+            path = folder
+            for name in OWN_FILES:
+                if name == RUN_FILE or name not in contents:
+                    (folder / name).unlink(missing_ok=True)
+            for name in sorted(contents, key=lambda name: name == RUN_FILE):
+                os.replace(temporary[name], folder / name)
+        finally:
+            for left in temporary.values():
+                left.unlink(missing_ok=True)
+    except OSError as error:
+        named = folder if path is folder else folder / path.name.split(".", 2)[1]
+        raise DataError(f"cannot write: {error.strerror or error}", named) from error
+    return {name: folder / name for name in contents}
 
 
 def write_atomically(path: Path, content: str | bytes) -> Path:
@@ -206,7 +230,7 @@ def _plain(value: Any) -> Any:
 def config_yaml(result: RunResult) -> str:
     """The effective configuration, seed included, fit to be given to a run again."""
     header = f"# fastslam {result.version}, effective configuration of a run over {result.log_name}\n"
-    return header + yaml.safe_dump(_plain(result.config), sort_keys=False, allow_unicode=True)
+    return header + write_yaml(_plain(result.config))
 
 
 def _run_facts(result: RunResult) -> dict[str, Any]:
@@ -254,9 +278,13 @@ def _landmarks_csv(landmarks: LandmarkMap) -> str:
     places = zip(landmarks.ids, landmarks.mean_m, landmarks.covariance_m2, landmarks.sightings, strict=True)
     rows = (
         (
-            *(name, *(f"{value:.9g}" for value in (*mean, cov[0, 0], cov[0, 1], cov[1, 1])), str(int(seen))),
+            *(
+                guarded(name),
+                *(f"{value:.9g}" for value in (*mean, cov[0, 0], cov[0, 1], cov[1, 1])),
+                str(int(seen)),
+            ),
             "" if landmarks.confirmed is None else str(int(landmarks.confirmed[row])),
-            landmarks.class_name(row),
+            guarded(landmarks.class_name(row)),
             _signature_cell(landmarks, row),
         )
         for row, (name, mean, cov, seen) in enumerate(places)
@@ -277,14 +305,14 @@ def _steps_csv(steps: Steps) -> str:
     return _csv(tuple(STEP_COLUMNS), zip(*columns, strict=True))
 
 
-def _step_cell(value: Any, name: str, kind: type) -> str:
+def _step_cell(value: Any, name: str, kind: str) -> str:
     if name == "stamp_s":
         return repr(float(value))
-    if name == "health":
+    if kind == "status":
         return status_name(int(value))
-    if name == "health_reasons":
+    if kind == "reasons":
         return "+".join(reason_names(int(value)))
-    return f"{value:.9g}" if kind is float else str(int(value))
+    return f"{value:.9g}" if kind == "number" else str(int(value))
 
 
 def _covariance_csv(trajectory: Trajectory) -> str:
@@ -308,9 +336,9 @@ def _read_text(path: Path) -> str:
 
 def _read_config(path: Path) -> dict[str, Any]:
     try:
-        config = yaml.safe_load(_read_text(path))
-    except yaml.YAMLError as error:
-        raise DataError(f"not YAML: {str(error).splitlines()[0]}", path) from error
+        config, _ = parse_yaml(_read_text(path))
+    except YamlError as error:
+        raise DataError(f"not YAML: {error.message}", path, error.line) from None
     if not isinstance(config, dict):
         raise DataError("expected a mapping of settings", path, 1)
     return config
@@ -359,11 +387,19 @@ def _read_table(
         columns = older
     if header != list(columns):
         raise DataError(f"expected the header {','.join(columns)}, got {','.join(header)}", path, 1)
+    return _rows(reader, len(columns), path)
+
+
+def _rows(reader: Any, width: int, path: Path) -> list[tuple[int, list[str]]]:
+    """Line numbers and cells of the rows below a header."""
     rows = []
-    for row in reader:
-        if len(row) != len(columns):
-            raise DataError(f"expected {len(columns)} cells, got {len(row)}", path, reader.line_num)
-        rows.append((reader.line_num, row))
+    try:
+        for row in reader:
+            if len(row) != width:
+                raise DataError(f"expected {width} cells, got {len(row)}", path, reader.line_num)
+            rows.append((reader.line_num, row))
+    except csv.Error as error:
+        raise DataError(f"not CSV: {error}", path, reader.line_num) from error
     return rows
 
 
@@ -386,20 +422,19 @@ def _read_landmarks(path: Path) -> LandmarkMap:
         for cells, (line, _) in zip(more, rows, strict=True)
         if any(cells[:1])
     ]
-    names = tuple(sorted({cells[1] for cells in more if any(cells[1:2])}))
+    classes = [unguarded(cells[1]) if any(cells[1:2]) else "" for cells in more]
+    names = tuple(sorted({name for name in classes if name}))
     signatures = [
         _number(cells[2], float, path, line) if any(cells[2:]) else math.nan
         for cells, (line, _) in zip(more, rows, strict=True)
     ]
     return LandmarkMap(
-        ids=tuple(row[0] for _, row in rows),
+        ids=tuple(unguarded(row[0]) for _, row in rows),
         mean_m=table[:, :2],
         covariance_m2=table[:, [2, 3, 3, 4]].reshape(-1, 2, 2),
         sightings=table[:, 5].astype(np.int64),
         confirmed=np.array(confirmed, dtype=np.bool_) if rows and len(confirmed) == len(rows) else None,
-        class_index=np.array(
-            [names.index(cells[1]) if any(cells[1:2]) else -1 for cells in more], dtype=np.int64
-        )
+        class_index=np.array([names.index(name) if name else -1 for name in classes], dtype=np.int64)
         if names
         else None,
         signature=np.array(signatures) if np.isfinite(signatures).any() else None,
@@ -407,16 +442,31 @@ def _read_landmarks(path: Path) -> LandmarkMap:
     )
 
 
+_STEP_READERS: dict[str, tuple[Callable[[str], Any], Any, Any]] = {
+    # How a cell is read, the type of the array, and what stands for a column of newer versions.
+    "number": (float, np.float64, math.nan),
+    "count": (int, np.int64, -1),
+    "flag": (int, np.bool_, False),
+    "status": (status_code, np.int64, 0),
+    "reasons": (reason_bits, np.int64, 0),
+}
+
+
 def _read_steps(path: Path) -> Steps:
-    rows = _read_table(path, tuple(STEP_COLUMNS))
+    reader = csv.reader(io.StringIO(_read_text(path), newline=""))
+    header = next(reader, [])
+    unknown = [name for name in header if name not in STEP_COLUMNS]
+    if unknown or "stamp_s" not in header or len(set(header)) < len(header):
+        raise DataError(f"expected the header {','.join(STEP_COLUMNS)}, got {','.join(header)}", path, 1)
+    rows = _rows(reader, len(header), path)
     columns: dict[str, Any] = {}
-    for column, (name, kind) in enumerate(STEP_COLUMNS.items()):
-        parse = {"health": status_code, "health_reasons": reason_bits}.get(
-            name, float if kind is float else int
-        )
-        values = [_number(row[column], parse, path, line) for line, row in rows]
-        dtype = {float: np.float64, int: np.int64, bool: np.bool_, str: np.int64}[kind]
-        columns[name] = np.array(values, dtype=dtype)
+    for name, kind in STEP_COLUMNS.items():
+        parse, dtype, absent = _STEP_READERS[kind]
+        if name in header:
+            cells = ((row[header.index(name)], line) for line, row in rows)
+            columns[name] = np.array([_number(cell, parse, path, line) for cell, line in cells], dtype=dtype)
+        else:
+            columns[name] = np.full(len(rows), absent, dtype=dtype)
     return Steps(**columns)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -142,10 +142,10 @@ def _result(columns: dict[str, Any], log: Log, config: Config) -> RunResult:
         log_name=log.name,
         config=dict(config),
         version=_core.__version__ + debug,
-        trajectory=Trajectory(columns["stamp_s"], columns["T_world_robot"], columns["covariance"]),
+        trajectory=Trajectory(columns["steps"]["stamp_s"], columns["T_world_robot"], columns["covariance"]),
         smoothed=Trajectory(columns["smoothed_stamp_s"], columns["smoothed_T_world_robot"]),
         landmarks=landmark_map(columns["map"], log.identity_names, log.class_names),
-        steps=Steps(**{field.name: columns[field.name] for field in fields(Steps)}),
+        steps=Steps(**columns["steps"]),
         filter_seconds=columns["filter_seconds"],
         peak_memory_bytes=peak_memory_bytes(),
         interrupted=columns["interrupted"],

@@ -2,6 +2,10 @@
 
 use std::fmt;
 
+/// Settings and measurements are not larger, nor (where they must be positive) smaller than its inverse: their squares
+/// and the products of these stay numbers.
+pub(crate) const LARGEST_MAGNITUDE: f64 = 1e30;
+
 /// What can go wrong in the filter.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Error {
@@ -43,12 +47,21 @@ impl Error {
         Self::Parameter { key: key.into(), got: got.to_string(), expected: expected.into() }
     }
 
+    /// No control of a robot is larger (metres or radians, per second or for a whole increment): beyond this, angles lose
+    /// their meaning.
+    pub(crate) const LARGEST_CONTROL: f64 = 1e6;
+    /// Thirty years: no control acts for longer.
+    const LONGEST_CONTROL_S: f64 = 1e9;
+
     /// An error unless a control and its duration make sense.
     pub(crate) fn check_control(control: [f64; 3], dt_s: f64) -> Result<()> {
-        if control.iter().all(|v| v.is_finite()) && dt_s.is_finite() && dt_s >= 0.0 {
+        let most = Self::LARGEST_CONTROL;
+        if control.iter().all(|v| v.abs() <= most) && (0.0..=Self::LONGEST_CONTROL_S).contains(&dt_s) {
             return Ok(());
         }
-        Err(Self::Input(format!("control {control:?} for {dt_s} s: expected finite numbers and dt_s >= 0")))
+        let longest = Self::LONGEST_CONTROL_S;
+        let expected = format!("expected finite numbers, at most {most:e}, and dt_s from 0 to {longest:e}");
+        Err(Self::Input(format!("control {control:?} for {dt_s} s: {expected}")))
     }
 
     /// The same error with `prefix.` in front of the key of a parameter.
@@ -79,30 +92,30 @@ impl std::error::Error for Error {}
 /// Result of the core.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// `value` if it is finite and positive, else an error that names `key`.
+/// `value` if it is positive and of a size to compute with (1e-30 to 1e30), else an error that names `key`.
 pub fn positive(key: &str, value: f64) -> Result<f64> {
-    if value.is_finite() && value > 0.0 {
+    if (1.0 / LARGEST_MAGNITUDE..=LARGEST_MAGNITUDE).contains(&value) {
         Ok(value)
     } else {
-        Err(Error::parameter(key, value, "a finite number above 0"))
+        Err(Error::parameter(key, value, "a finite number above 0 (1e-30 to 1e30)"))
     }
 }
 
-/// `value` if it is finite and not negative, else an error that names `key`.
+/// `value` if it is not negative and of a size to compute with (0 or 1e-30 to 1e30), else an error that names `key`.
 pub fn non_negative(key: &str, value: f64) -> Result<f64> {
-    if value.is_finite() && value >= 0.0 {
+    if value == 0.0 || (1.0 / LARGEST_MAGNITUDE..=LARGEST_MAGNITUDE).contains(&value) {
         Ok(value)
     } else {
-        Err(Error::parameter(key, value, "a finite number, at least 0"))
+        Err(Error::parameter(key, value, "a finite number, at least 0 (if not 0, 1e-30 to 1e30)"))
     }
 }
 
-/// `value` if it is finite, else an error that names `key`.
+/// `value` if it is of a size to compute with (at most 1e30), else an error that names `key`.
 pub fn finite(key: &str, value: f64) -> Result<f64> {
-    if value.is_finite() {
+    if value.abs() <= LARGEST_MAGNITUDE {
         Ok(value)
     } else {
-        Err(Error::parameter(key, value, "a finite number"))
+        Err(Error::parameter(key, value, "a finite number (at most 1e30)"))
     }
 }
 

@@ -60,10 +60,11 @@ pub struct RunOutput {
 /// **Errors:** an invalid log or configuration before anything is computed; the step's error when the filter cannot go on.
 pub fn run(config: &Config, log: &LogData, observer: &mut dyn Observer) -> Result<RunOutput> {
     log.validate()?;
+    log.check_gaps(config.filter.path_period_s)?;
     config.association.check_classes(&log.sightings)?;
     let mut filter = slam::create(config.clone(), identities_in(log))?;
     let timeline = Timeline::new(log, config.motion.timing(), config.filter.path_period_s);
-    let mut out = RunOutput { steps: Vec::with_capacity(timeline.step_bound()), ..RunOutput::default() };
+    let mut out = RunOutput::default();
     let mut path_steps: Vec<PathStep> = Vec::new();
     let mut started_s = observer.now_s();
     for event in timeline {

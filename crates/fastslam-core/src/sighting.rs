@@ -47,6 +47,25 @@ pub struct Skipped {
     pub bad_covariance: u32,
 }
 
+impl Skipped {
+    /// Name and number of each reason: all there are, so that nobody keeps a second list.
+    pub fn by_reason(&self) -> [(&'static str, u32); 5] {
+        let Self { not_finite, too_near, too_far, without_identity, bad_covariance } = *self;
+        [
+            ("not_finite", not_finite),
+            ("too_near", too_near),
+            ("too_far", too_far),
+            ("without_identity", without_identity),
+            ("bad_covariance", bad_covariance),
+        ]
+    }
+
+    /// All of them.
+    pub fn total(&self) -> u32 {
+        self.by_reason().iter().map(|(_, count)| count).sum()
+    }
+}
+
 /// A sighting as the passes over particles need it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {

@@ -33,12 +33,62 @@ impl LogData {
         if self.controls.is_empty() && self.sightings.is_empty() {
             return Err(Error::Input("the log is empty: neither controls nor sightings".into()));
         }
-        if let Some(i) = self.controls.iter().position(|c| c.iter().any(|v| !v.is_finite())) {
-            return Err(Error::Input(format!("control {i} is not finite: {:?}", self.controls[i])));
+        if let Some(i) = self.controls.iter().position(|c| Error::check_control(*c, 0.0).is_err()) {
+            let (control, most) = (self.controls[i], Error::LARGEST_CONTROL);
+            return Err(Error::Input(format!("control {i} is {control:?}: expected finite numbers, at most {most:e}")));
         }
         ascending(&self.control_stamps_s, "control", |a, b| a < b)?;
         ascending(&self.sighting_stamps_s, "sighting", |a, b| a <= b)
     }
+}
+
+/// More steps than this in stretches without sightings come from a wrong stamp, not from a robot.
+const MOST_FILLERS: f64 = 1e7;
+
+impl LogData {
+    /// Errors when the stretches without sightings would take too many steps `path_period_s` apart: a wrong stamp, or one
+    /// of another unit. The message names the widest gap. The log must be valid.
+    pub fn check_gaps(&self, path_period_s: f64) -> Result<()> {
+        let mut rows = self.rows_in_time();
+        let Some((mut stamp_s, mut row)) = rows.next() else { return Ok(()) };
+        let (mut fillers, mut widest) = (0.0, (0.0, String::new()));
+        for (next_s, next) in rows {
+            let gap_s = next_s - stamp_s;
+            fillers += (gap_s / path_period_s).floor();
+            if gap_s > widest.0 {
+                widest = (gap_s, format!("from {} to {}", named(row, stamp_s), named(next, next_s)));
+            }
+            (stamp_s, row) = (next_s, next);
+        }
+        if fillers <= MOST_FILLERS && stamp_s + path_period_s > stamp_s {
+            return Ok(());
+        }
+        Err(Error::Input(format!(
+            "the gap {}, is too wide for steps of filter.path_period_s = {path_period_s} s (10 million at most): is a stamp \
+             wrong, or not in seconds?",
+            widest.1
+        )))
+    }
+
+    /// Stamps of all rows in time order, each with what its row is and the row's number.
+    fn rows_in_time(&self) -> impl Iterator<Item = (f64, (&'static str, usize))> + '_ {
+        let (mut control, mut sighting) = (0, 0);
+        std::iter::from_fn(move || {
+            let next_control = self.control_stamps_s.get(control).copied();
+            let next_sighting = self.sighting_stamps_s.get(sighting).copied();
+            if next_control.unwrap_or(f64::INFINITY) <= next_sighting.unwrap_or(f64::INFINITY) {
+                control += 1;
+                next_control.map(|stamp_s| (stamp_s, ("control", control - 1)))
+            } else {
+                sighting += 1;
+                next_sighting.map(|stamp_s| (stamp_s, ("sighting", sighting - 1)))
+            }
+        })
+    }
+}
+
+fn named((what, number): (&str, usize), stamp_s: f64) -> String {
+    format!("{what} {number}, at {stamp_s:?} s")
 }
 
 fn ascending(stamps: &[f64], what: &str, ordered: impl Fn(f64, f64) -> bool) -> Result<()> {
@@ -112,7 +162,8 @@ impl<'a> Timeline<'a> {
     pub fn step_bound(&self) -> usize {
         let stamps = &self.log.sighting_stamps_s;
         let distinct = usize::from(!stamps.is_empty()) + stamps.windows(2).filter(|w| w[0] != w[1]).count();
-        distinct + ((self.end_s - self.now_s) / self.path_period_s).ceil().max(0.0) as usize + 2
+        let fillers = ((self.end_s - self.now_s) / self.path_period_s).ceil().clamp(0.0, MOST_FILLERS);
+        distinct + fillers as usize + 2
     }
 
     /// The motion from now to `until_s`, which no event interrupts.
@@ -268,6 +319,44 @@ mod tests {
         assert!((held.last().unwrap().2 - 4.9).abs() < 1e-9);
         let increments = steps(&log(&controls, &sightings), ControlTiming::Increment, 0.4);
         assert!((increments.last().unwrap().2 - 50.0).abs() < 1e-9, "{increments:?}");
+    }
+
+    #[test]
+    fn a_wrong_stamp_is_an_error_that_names_the_gap() {
+        let mut controls: Vec<(f64, [f64; 3])> = (0..600).map(|i| (0.1 * f64::from(i), [1.0, 0.0, 0.0])).collect();
+        let sound = log(&controls, &[0.0, 30.0]);
+        assert_eq!(sound.check_gaps(0.5), Ok(()));
+        // 59.9 s in steps of 6 µs are ten million.
+        assert_eq!(sound.check_gaps(6e-6), Ok(()));
+        assert!(sound.check_gaps(5.9e-6).is_err());
+        for period in [1e-300, f64::MIN_POSITIVE, 1e-18] {
+            assert!(sound.check_gaps(period).is_err(), "{period}");
+        }
+        for wrong in [1_764_313_200.5, 1.7e18, f64::MAX] {
+            controls.push((wrong, [1.0, 0.0, 0.0]));
+            let message = log(&controls, &[0.0, 30.0]).check_gaps(0.5).unwrap_err().to_string();
+            assert!(message.starts_with("the gap from control 599, at 59.9"), "{message}");
+            assert!(message.contains(&format!("to control 600, at {wrong:?} s")), "{message}");
+            controls.pop();
+        }
+        let message = log(&controls, &[-1e9, 30.0]).check_gaps(0.5).unwrap_err().to_string();
+        assert!(message.starts_with("the gap from sighting 0, at -1000000000.0 s to control 0, at 0.0 s"), "{message}");
+    }
+
+    #[test]
+    fn stamps_too_coarse_for_the_period_are_an_error_and_no_endless_loop() {
+        // Doubles near 1e10 lie 2 µs apart.
+        let coarse = log(&[(1e10, [1.0, 0.0, 0.0]), (1e10 + 1e-5, [1.0, 0.0, 0.0])], &[]);
+        assert!(coarse.check_gaps(1e-7).is_err());
+        assert_eq!(coarse.check_gaps(1e-5), Ok(()));
+    }
+
+    #[test]
+    fn nothing_is_sized_from_a_stamp() {
+        let wrong = log(&[(0.0, [1.0, 0.0, 0.0]), (1.7e18, [1.0, 0.0, 0.0])], &[]);
+        for period in [0.5, 1e-300] {
+            assert!(Timeline::new(&wrong, ControlTiming::Held, period).step_bound() < 10_000_010);
+        }
     }
 
     #[test]

@@ -8,8 +8,11 @@ use fastslam_core::config::{
 };
 use fastslam_core::error::Error;
 use fastslam_core::filter::{FastSlam, Identities, Sighting, Skipped};
-use fastslam_core::geometry::Symmetric2;
+use fastslam_core::geometry::{Pose, Symmetric2};
+use fastslam_core::measurement::{MeasurementModel, RangeBearing};
 use fastslam_core::motion::{Motion, Velocity};
+use fastslam_core::real::Real;
+use fastslam_core::store::StoreKind;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
@@ -27,7 +30,7 @@ fn labelled(range_m: f64, bearing_rad: f64, identity: u32) -> Sighting {
 }
 
 /// Errors that name the first number of the filter's output that is not finite.
-fn check_finite(filter: &mut FastSlam) -> Result<(), String> {
+fn check_finite<M: MeasurementModel>(filter: &mut FastSlam<M>) -> Result<(), String> {
     let finite = |what: &str, values: &[f64]| match values.iter().all(|v| v.is_finite()) {
         true => Ok(()),
         false => Err(format!("{what}: {values:?}")),
@@ -99,7 +102,7 @@ fn controls_that_are_not_numbers_are_errors() {
             [([f64::NAN, 0.0, 0.0], 0.1), ([0.0, f64::INFINITY, 0.0], 0.1), ([0.0; 3], f64::NAN), ([0.0; 3], -1.0)]
         {
             let error = filter.predict(control, dt_s).unwrap_err().to_string();
-            assert!(error.contains("expected finite numbers and dt_s >= 0"), "{error}");
+            assert!(error.contains("expected finite numbers, at most 1e6"), "{error}");
         }
         check_finite(&mut filter).unwrap();
     }
@@ -178,17 +181,100 @@ fn one_particle_is_enough() {
     }
 }
 
-#[test]
-fn when_no_particle_can_explain_a_sighting_the_step_is_named() {
-    for algorithm in ALGORITHMS {
-        let mut config = config(algorithm);
-        config.sensor.max_range_m = f64::MAX;
-        let mut filter = FastSlam::new(config, Identities::All).unwrap();
-        filter.update(0.0, &[labelled(5.0, 0.3, 1)]).unwrap();
-        filter.update(1.0, &[labelled(5.0, 0.3, 1)]).unwrap();
-        // So far off that the square of the innovation is no longer a number: density zero.
-        assert_eq!(filter.update(2.0, &[labelled(1e200, 0.3, 1)]), Err(Error::AllWeightsZero { step: 2 }));
+/// Range and bearing, but a range beyond 50 m is infinitely (or not a number of metres) off.
+#[derive(Clone, Copy)]
+struct Broken {
+    sound: RangeBearing,
+    error_m: f64,
+}
+
+impl MeasurementModel for Broken {
+    fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2] {
+        self.sound.expected(T_world_sensor, landmark_in_world)
     }
+
+    fn innovation<R: Real>(&self, measured: [R; 2], expected: [R; 2]) -> [R; 2] {
+        let [range, bearing] = self.sound.innovation(measured, expected);
+        [if measured[0].value() > 50.0 { range * R::constant(self.error_m) } else { range }, bearing]
+    }
+
+    fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2] {
+        self.sound.inverse(T_world_sensor, measured)
+    }
+
+    fn noise_covariance(&self) -> Symmetric2 {
+        self.sound.noise_covariance()
+    }
+
+    fn range(&self, measured: [f64; 2]) -> f64 {
+        self.sound.range(measured)
+    }
+
+    fn position_variance(&self, measured: [f64; 2], noise: Symmetric2) -> f64 {
+        self.sound.position_variance(measured, noise)
+    }
+}
+
+#[test]
+fn when_no_particle_can_explain_a_sighting_the_step_is_named_and_the_filter_goes_on() {
+    let mut failures = 0;
+    for (algorithm, error_m) in ALGORITHMS.into_iter().flat_map(|a| [(a, 1e200), (a, f64::NAN)]) {
+        for store in [StoreKind::Dense, StoreKind::Tree, StoreKind::Lineage] {
+            let mut config = config(algorithm);
+            config.filter.store = store;
+            let sound = config.sensor.range_bearing();
+            let mut filter = FastSlam::with_model(config, Identities::All, Broken { sound, error_m }).unwrap();
+            let seen = [labelled(5.0, 0.3, 1), labelled(7.0, -1.0, 2)];
+            for step in 0..2 {
+                filter.predict([1.0, 0.1, 0.0], 0.1).unwrap();
+                filter.update(f64::from(step), &seen).unwrap();
+            }
+            let stamps = |filter: &FastSlam<Broken>| filter.best_path().iter().map(|node| node.0).collect::<Vec<_>>();
+            assert_eq!(stamps(&filter), [0.0, 1.0]);
+            let wild = [labelled(6.5, -1.0, 2), labelled(60.0, 0.3, 1)];
+            assert_eq!(filter.update(2.0, &wild), Err(Error::AllWeightsZero { step: 2 }));
+            failures += 1;
+            assert_eq!(stamps(&filter), [0.0, 1.0], "a step that failed is no part of the path");
+            assert_eq!(filter.weights(), vec![1.0 / 20.0; 20]);
+            let expected = filter.map().landmarks.len();
+            check_finite(&mut filter).unwrap_or_else(|e| panic!("{algorithm:?} {store:?} {error_m}: {e}"));
+            for step in 2..6 {
+                filter.predict([1.0, 0.1, 0.0], 0.1).unwrap();
+                let info = filter.update(f64::from(step), &[labelled(6.0, -1.0, 2), labelled(4.0, 0.5, 3)]).unwrap();
+                assert_eq!((info.step, info.sightings), (step as u64, 2));
+                check_finite(&mut filter).unwrap_or_else(|e| panic!("{algorithm:?} {store:?} {error_m}: {e}"));
+            }
+            assert!(filter.map().landmarks.len() > expected, "3 is new");
+        }
+    }
+    assert_eq!(failures, 12);
+}
+
+#[test]
+fn a_control_that_no_robot_follows_leaves_the_filter_as_it_was() {
+    let mut refused = 0;
+    for algorithm in ALGORITHMS {
+        let mut filter = FastSlam::new(config(algorithm), Identities::All).unwrap();
+        filter.predict([1.0, 0.2, 0.0], 0.5).unwrap();
+        filter.update(0.5, &[labelled(5.0, 0.3, 1)]).unwrap();
+        let (pose, particles) = (filter.predicted_pose(), filter.particles().x.clone());
+        for (control, dt_s) in [
+            ([1.0, 0.0, 0.0], 1e308),
+            ([1.0, 0.0, 0.0], -1.0),
+            ([1.0, 0.0, 0.0], f64::NAN),
+            ([1e308, 0.0, 0.0], 0.1),
+            ([0.0, -1e7, 0.0], 0.1),
+            ([f64::INFINITY, 0.0, 0.0], 0.1),
+        ] {
+            assert!(matches!(filter.predict(control, dt_s), Err(Error::Input(_))), "{control:?} {dt_s}");
+            assert_eq!((filter.predicted_pose(), filter.particles().x.clone()), (pose, particles.clone()));
+            refused += 1;
+        }
+        filter.predict([1.0, 0.2, 0.0], 0.5).unwrap();
+        filter.update(1.0, &[labelled(4.5, 0.3, 1)]).unwrap();
+        check_finite(&mut filter).unwrap();
+    }
+    assert_eq!(refused, 12);
 }
 
 #[test]

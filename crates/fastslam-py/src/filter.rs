@@ -1,23 +1,64 @@
 //! The filter, step by step.
 
 use crate::settings::to_python;
-use crate::{arrays, config, run};
+use crate::{arrays, config, run, step};
 use fastslam_core::config::Config;
-use fastslam_core::filter::Identities;
+use fastslam_core::filter::{Identities, Sighting, StepInfo};
 use fastslam_core::slam::{self, Slam};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::Mutex;
 
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
 /// The configured filter, one control and one scan at a time.
-#[pyclass]
+///
+/// Frozen around a lock, so that several threads may use it: each call finds the filter between two calls. The lock is
+/// only waited for, and only held, without the interpreter's lock.
+#[pyclass(frozen)]
 pub struct Filter {
-    filter: Box<dyn Slam>,
+    filter: Mutex<Box<dyn Slam>>,
     config: Config,
+}
+
+impl Filter {
+    /// What `work` makes of the filter, with the interpreter free for other threads.
+    fn locked<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut dyn Slam) -> T + Send) -> PyResult<T> {
+        py.detach(|| self.filter.lock().map(|mut filter| work(filter.as_mut())).ok())
+            .ok_or_else(|| PyRuntimeError::new_err("the filter failed in an earlier call and cannot go on"))
+    }
+
+    fn answer<'py>(&self, py: Python<'py>, info: &StepInfo) -> PyResult<Bound<'py, PyDict>> {
+        let dict = PyDict::new(py);
+        step::set_values(&dict, info)?;
+        dict.set_item("warnings", crate::noise::warnings(py, &info.noise_warnings, &self.config.motion)?)?;
+        Ok(dict)
+    }
+}
+
+/// The columns of one scan.
+#[derive(FromPyObject)]
+struct Scan<'py>(
+    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray1<'py, f64>,
+    PyReadonlyArray1<'py, i64>,
+    Option<PyReadonlyArray2<'py, f64>>,
+    Option<PyReadonlyArray1<'py, i64>>,
+    Option<PyReadonlyArray1<'py, f64>>,
+);
+
+impl Scan<'_> {
+    /// The sightings, checked: nothing of the filter has changed when this fails.
+    fn sightings(self, config: &Config) -> PyResult<Vec<Sighting>> {
+        let Self(range_m, bearing_rad, identity, noise, class_index, signature) = self;
+        let looks = arrays::Looks { class_index, signature };
+        let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref(), &looks)?;
+        config.association.check_classes(&sightings).map_err(to_python)?;
+        Ok(sightings)
+    }
 }
 
 #[pymethods]
@@ -31,83 +72,67 @@ impl Filter {
             other => return Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
         };
         let config = config::parse(config_json)?;
-        let filter = slam::create(config.clone(), identities).map_err(to_python)?;
+        let filter = Mutex::new(slam::create(config.clone(), identities).map_err(to_python)?);
         Ok(Self { filter, config })
     }
 
-    fn predict(&mut self, py: Python<'_>, control: [f64; 3], dt_s: f64) -> PyResult<()> {
-        py.detach(|| self.filter.predict(control, dt_s)).map_err(to_python)
+    fn predict(&self, py: Python<'_>, control: [f64; 3], dt_s: f64) -> PyResult<()> {
+        self.locked(py, |filter| filter.predict(control, dt_s))?.map_err(to_python)
     }
 
-    #[pyo3(signature = (stamp_s, range_m, bearing_rad, identity, noise=None, class_index=None, signature=None))]
-    #[allow(clippy::too_many_arguments)] // One array per column of a scan.
-    fn update<'py>(
-        &mut self,
+    /// `scan`: range_m, bearing_rad, identity, then noise (n x 3), class_index and signature or None.
+    fn update<'py>(&self, py: Python<'py>, stamp_s: f64, scan: Scan<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let sightings = scan.sightings(&self.config)?;
+        let info = self.locked(py, |filter| filter.update(stamp_s, &sightings))?.map_err(to_python)?;
+        self.answer(py, &info)
+    }
+
+    /// `predict`, then `update`, between which no other thread comes.
+    fn step<'py>(
+        &self,
         py: Python<'py>,
+        control: [f64; 3],
+        dt_s: f64,
         stamp_s: f64,
-        range_m: PyReadonlyArray1<'py, f64>,
-        bearing_rad: PyReadonlyArray1<'py, f64>,
-        identity: PyReadonlyArray1<'py, i64>,
-        noise: Option<PyReadonlyArray2<'py, f64>>,
-        class_index: Option<PyReadonlyArray1<'py, i64>>,
-        signature: Option<PyReadonlyArray1<'py, f64>>,
+        scan: Scan<'py>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let looks = arrays::Looks { class_index, signature };
-        let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref(), &looks)?;
-        let info = py.detach(|| self.filter.update(stamp_s, &sightings)).map_err(to_python)?;
-        let dict = PyDict::new(py);
-        dict.set_item("step", info.step)?;
-        dict.set_item("sightings", info.sightings)?;
-        dict.set_item("new_landmarks", info.new_landmarks)?;
-        dict.set_item("ignored", info.ignored)?;
-        dict.set_item("effective_sample_size", info.effective_sample_size)?;
-        dict.set_item("resampled", info.resampled)?;
-        dict.set_item("rejuvenated", info.rejuvenated)?;
-        dict.set_item("log_likelihood", info.log_likelihood)?;
-        dict.set_item("landmarks", info.landmarks)?;
-        dict.set_item("removed", info.removed)?;
-        dict.set_item("matched", info.matched)?;
-        dict.set_item("repaired", info.repaired)?;
-        dict.set_item("particles", info.particles)?;
-        dict.set_item("nis", info.nis)?;
-        dict.set_item("nis_band", (info.nis_band[0], info.nis_band[1]))?;
-        dict.set_item("health", info.health.status as u8)?;
-        dict.set_item("health_reasons", info.health.reasons)?;
-        dict.set_item("warnings", crate::noise::warnings(py, &info.noise_warnings, &self.config.motion)?)?;
-        let skipped = info.skipped;
-        let unusable = skipped.not_finite + skipped.too_near + skipped.too_far;
-        dict.set_item("skipped", unusable + skipped.without_identity + skipped.bad_covariance)?;
-        Ok(dict)
+        let sightings = scan.sightings(&self.config)?;
+        let both = |filter: &mut dyn Slam| {
+            filter.predict(control, dt_s)?;
+            filter.update(stamp_s, &sightings)
+        };
+        let info = self.locked(py, both)?.map_err(to_python)?;
+        self.answer(py, &info)
     }
 
     /// Mean (3) and covariance (3, 3) of the pose now.
-    fn pose<'py>(&mut self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
-        let estimate = py.detach(|| self.filter.predicted_pose());
+    fn pose<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
+        let estimate = self.locked(py, |filter| filter.predicted_pose())?;
         let covariance = estimate.covariance.concat().into_pyarray(py).reshape([3, 3])?;
         Ok((estimate.mean.to_array().to_vec().into_pyarray(py), covariance))
     }
 
     /// Poses (M, 3) and normalised weights (M) of the particles.
     fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Vector<'py>)> {
-        let hypotheses = self.filter.weighted_poses();
+        let hypotheses = self.locked(py, |filter| filter.weighted_poses())?;
         let poses: Vec<f64> = hypotheses.iter().flat_map(|(pose, _)| pose.to_array()).collect();
         let weights: Vec<f64> = hypotheses.iter().map(|(_, weight)| *weight).collect();
         Ok((poses.into_pyarray(py).reshape([weights.len(), 3])?, weights.into_pyarray(py)))
     }
 
     /// Draws all particles anew from the posterior over paths; false when it was not configured or nothing changed.
-    fn rejuvenate(&mut self, py: Python<'_>) -> bool {
-        py.detach(|| self.filter.finish())
+    fn rejuvenate(&self, py: Python<'_>) -> PyResult<bool> {
+        self.locked(py, |filter| filter.finish())
     }
 
-    fn map<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let map = py.detach(|| self.filter.map());
+    fn map<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let map = self.locked(py, |filter| filter.map())?;
         run::map_to_dict(py, &map)
     }
 
     /// Stamps (T) and poses (T, 3) of the path of the best particle.
     fn best_path<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
-        let path = self.filter.best_path();
+        let path = self.locked(py, |filter| filter.best_path())?;
         let poses: Vec<f64> = path.iter().flat_map(|node| node.1.to_array()).collect();
         let stamps: Vec<f64> = path.iter().map(|node| node.0).collect();
         let count = stamps.len();

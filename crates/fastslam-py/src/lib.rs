@@ -9,6 +9,7 @@ mod noise;
 mod run;
 mod settings;
 mod simulation;
+mod step;
 
 use pyo3::prelude::*;
 
@@ -21,6 +22,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(config::config_schema, module)?)?;
     module.add_function(wrap_pyfunction!(config::control_columns, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
+    module.add_function(wrap_pyfunction!(step::step_fields, module)?)?;
     module.add_class::<filter::Filter>()?;
     arena::register(module)?;
     detect::register(module)?;

@@ -1,12 +1,12 @@
 //! A whole log in one call.
 
 use crate::settings::to_python;
-use crate::{arrays, config, noise};
+use crate::{arrays, config, noise, step};
 use fastslam_core::config::Config;
 use fastslam_core::filter::MapEstimate;
 use fastslam_core::run::{Observer, RunOutput, StepRecord};
 use fastslam_core::timeline::{LogData, Timeline};
-use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::time::Instant;
@@ -89,31 +89,11 @@ pub fn run<'py>(
 fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let steps = &output.steps;
-    let column = |f: &dyn Fn(&StepRecord) -> f64| -> Bound<'py, PyArray1<f64>> {
-        steps.iter().map(f).collect::<Vec<_>>().into_pyarray(py)
-    };
-    let counts = |f: &dyn Fn(&StepRecord) -> i64| -> Bound<'py, PyArray1<i64>> {
-        steps.iter().map(f).collect::<Vec<_>>().into_pyarray(py)
-    };
-    dict.set_item("stamp_s", column(&|s| s.stamp_s))?;
+    dict.set_item("steps", steps_to_dict(py, steps)?)?;
     let poses: Vec<f64> = steps.iter().flat_map(|s| s.pose.mean.to_array()).collect();
     dict.set_item("T_world_robot", poses.into_pyarray(py).reshape([steps.len(), 3])?)?;
     let covariances: Vec<f64> = steps.iter().flat_map(|s| s.pose.covariance.concat()).collect();
     dict.set_item("covariance", covariances.into_pyarray(py).reshape([steps.len(), 3, 3])?)?;
-    dict.set_item("effective_sample_size", column(&|s| s.info.effective_sample_size))?;
-    dict.set_item("log_likelihood", column(&|s| s.info.log_likelihood))?;
-    dict.set_item("latency_us", column(&|s| 1e6 * s.latency_s))?;
-    dict.set_item("resampled", steps.iter().map(|s| s.info.resampled).collect::<Vec<_>>().into_pyarray(py))?;
-    dict.set_item("rejuvenated", steps.iter().map(|s| s.info.rejuvenated).collect::<Vec<_>>().into_pyarray(py))?;
-    dict.set_item("sightings", counts(&|s| s.info.sightings.into()))?;
-    dict.set_item("new_landmarks", counts(&|s| s.info.new_landmarks.into()))?;
-    dict.set_item("ignored", counts(&|s| s.info.ignored.into()))?;
-    dict.set_item("landmarks", counts(&|s| s.info.landmarks.into()))?;
-    dict.set_item("matched", counts(&|s| s.info.matched.into()))?;
-    dict.set_item("particles", counts(&|s| s.info.particles.into()))?;
-    dict.set_item("nis", column(&|s| s.info.nis))?;
-    dict.set_item("health", counts(&|s| s.info.health.status as i64))?;
-    dict.set_item("health_reasons", counts(&|s| s.info.health.reasons.into()))?;
     dict.set_item("warnings", noise::warnings(py, &output.noise.warnings, &config.motion)?)?;
     dict.set_item("noise", noise::report(py, &output.noise, &config.motion)?)?;
     dict.set_item("two_places", noise::two_places(&output.two_places))?;
@@ -128,14 +108,21 @@ fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyResul
     dict.set_item("store_rows", output.usage.rows)?;
     dict.set_item("store_bytes", output.usage.bytes)?;
     let skipped = PyDict::new(py);
-    skipped.set_item("sightings_not_finite", output.skipped.not_finite)?;
-    skipped.set_item("sightings_too_near", output.skipped.too_near)?;
-    skipped.set_item("sightings_too_far", output.skipped.too_far)?;
-    skipped.set_item("sightings_without_identity", output.skipped.without_identity)?;
-    skipped.set_item("sightings_bad_covariance", output.skipped.bad_covariance)?;
+    for (reason, count) in output.skipped.by_reason() {
+        skipped.set_item(format!("sightings_{reason}"), count)?;
+    }
     let fell_back: u64 = steps.iter().map(|s| u64::from(s.info.fell_back)).sum();
     skipped.set_item("joint_association_fallbacks", fell_back)?;
     dict.set_item("skipped", skipped)?;
+    Ok(dict)
+}
+
+/// Stamps, computing times and what happened, a row per step.
+fn steps_to_dict<'py>(py: Python<'py>, steps: &[StepRecord]) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    dict.set_item("stamp_s", steps.iter().map(|s| s.stamp_s).collect::<Vec<_>>().into_pyarray(py))?;
+    dict.set_item("latency_us", steps.iter().map(|s| 1e6 * s.latency_s).collect::<Vec<_>>().into_pyarray(py))?;
+    step::set_columns(&dict, steps.iter().map(|s| &s.info))?;
     Ok(dict)
 }
 

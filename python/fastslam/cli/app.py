@@ -64,6 +64,6 @@ def _top(
 
 
 def main() -> None:
-    """Entry point of the `fastslam` program."""
+    """Runs the program; `fastslam._entry` starts it."""
     never_fail_to_print()
     app()

@@ -8,8 +8,8 @@ import typer
 
 from ..timing import stage
 from .options import Verbose
-from .output import LogReference, write_log_reference
-from .run import NoReport, Out, prepare_folder, run_all, show
+from .output import LogReference
+from .run import NoReport, Out, Results, prepare_folder, run_all, show
 from .times import times_shown
 
 
@@ -35,5 +35,5 @@ def demo(
         with stage("simulation"):
             log = simulate(resolve_simulation({"seed": seed}, preset="demo"), name="demo")
             path = write_native(log, folder / "log")
-        write_log_reference(folder, LogReference(path, log.format))
-        show(run_all(log, configure(log, {"seed": seed}), folder, report=not no_report))
+        results = Results(folder, LogReference(path, log.format), report=not no_report)
+        show(run_all(log, configure(log, {"seed": seed}), results))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -9,12 +11,12 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
+from .._entry import INTERRUPTED, interruptible
 from ..errors import ConfigError, FastSlamError
 from .console import stderr
 
 RUN_FAILED = 1
 USAGE = 2
-INTERRUPTED = 130
 
 # typer names this base class of all usage errors (bad option, missing argument, ...) nowhere in public.
 _UsageError: type[Exception] = typer.BadParameter.__mro__[1]
@@ -37,6 +39,7 @@ class OneLineErrors(TyperGroup):
 @contextmanager
 def one_line_errors() -> Iterator[None]:
     """Turns expected exceptions into `error: ...` on stderr and an exit code."""
+    interruptible()
     try:
         yield
     except FastSlamError as error:
@@ -47,6 +50,15 @@ def one_line_errors() -> Iterator[None]:
         raise _reported(f"{message.rstrip('.')} (see {command} --help)", USAGE) from None
     except KeyboardInterrupt:
         raise _reported("interrupted", INTERRUPTED) from None
+    except BrokenPipeError:
+        # Whoever read the output has seen enough; Python would complain once more when it ends.
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
+        raise typer.Exit(RUN_FAILED) from None
+    except OSError as error:
+        where = "" if error.filename is None else f"{error.filename}: "
+        raise _reported(f"{where}{error.strerror or error}", RUN_FAILED) from None
+    except MemoryError:
+        raise _reported("not enough memory", RUN_FAILED) from None
 
 
 def _reported(message: str, code: int) -> typer.Exit:

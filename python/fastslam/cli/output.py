@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from ..evaluation import Metrics
     from ..settings import KeyInfo
 
-_LOG_FILE = "log.json"
-
 
 @dataclass(frozen=True)
 class LogReference:
@@ -32,15 +30,17 @@ class LogReference:
 
 def write_log_reference(folder: Path, reference: LogReference) -> None:
     """Notes the log beside the results; relative paths are made absolute."""
-    from ..resultfiles import to_json, write_atomically
+    from ..resultfiles import LOG_FILE, to_json, write_atomically
 
     facts = {**asdict(reference), "path": str(reference.path.resolve())}
-    write_atomically(folder / _LOG_FILE, to_json(facts))
+    write_atomically(folder / LOG_FILE, to_json(facts))
 
 
 def read_log_reference(folder: Path) -> LogReference:
     """Errors: `DataError` when the folder does not say which log it is about."""
-    path = folder / _LOG_FILE
+    from ..resultfiles import LOG_FILE
+
+    path = folder / LOG_FILE
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
         return LogReference(Path(facts["path"]), str(facts["format"]), facts["robot"], facts.get("run"))

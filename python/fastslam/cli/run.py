@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .._entry import INTERRUPTED
 from ..errors import DataError
 from ..timing import stage
 from .console import progress_bar, stderr, stdout
 from .encoding import as_document
-from .errors import INTERRUPTED, RUN_FAILED
+from .errors import RUN_FAILED
 from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings, Verbose
 from .output import LogReference, metrics_table, summary_table, write_log_reference
 from .times import times_shown
@@ -100,11 +103,9 @@ def run_log(
             stderr().print(f"note: {problem.message} ({problem.count:,})", markup=False, soft_wrap=True)
         with stage("examine"):
             findings = () if unexamined else _examined(log, configuration)
-        folder = prepare_folder(out)
-        write_log_reference(folder, LogReference(path, log.format, robot, run))
-        report = not no_report
-        finished = run_all(log, configuration, folder, runs=runs, report=report, findings=findings)
-        show(finished, json=json)
+        reference = LogReference(path, log.format, robot, run)
+        results = Results(prepare_folder(out), reference, report=not no_report, findings=findings)
+        show(run_all(log, configuration, results, runs=runs), json=json)
 
 
 def _examined(log: Log, configuration: Config) -> tuple[Finding, ...]:
@@ -128,9 +129,29 @@ def prepare_folder(out: Path | None) -> Path:
         return new_result_folder("results")
     try:
         out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
     except OSError as error:
         raise DataError(f"cannot make a results folder: {error.strerror or error}", out) from None
     return out
+
+
+@dataclass(frozen=True)
+class Results:
+    """Where a run leaves its files, of which log, what was found in it, and whether there are pictures."""
+
+    folder: Path
+    reference: LogReference
+    report: bool = True
+    findings: tuple[Finding, ...] = ()
+
+    def write(self, result: RunResult, log: Log, *, report: bool, others: Sequence[Metrics] = ()) -> Metrics:
+        """Writes the files, in the place of those of an older run."""
+        from ..outputs import write_outputs
+
+        metrics = write_outputs(result, log, self.folder, report=report, other_runs=others)
+        write_log_reference(self.folder, self.reference)
+        return metrics
 
 
 @dataclass(frozen=True)
@@ -158,35 +179,26 @@ class Finished:
         return is_empty(self.result)
 
 
-def run_all(
-    log: Log,
-    config: Config,
-    folder: Path,
-    *,
-    runs: int = 1,
-    report: bool = True,
-    findings: tuple[Finding, ...] = (),
-) -> Finished:
+def run_all(log: Log, config: Config, results: Results, *, runs: int = 1) -> Finished:
     """Runs with `runs` seeds, at least one, from the configured one on, and writes all files."""
     from ..evaluation import evaluate
-    from ..outputs import write_outputs
     from ..runner import run_many
 
     seeds = range(config["seed"], config["seed"] + runs)
     others: list[Metrics] = []
     with progress_bar(log.name) as advance:
-        results = run_many(log, config, seeds=seeds, progress=advance)
-        first = replace(next(results), findings=tuple(finding.to_dict() for finding in findings))
+        computed = run_many(log, config, seeds=seeds, progress=advance)
+        first = replace(next(computed), findings=tuple(finding.to_dict() for finding in results.findings))
         interrupted = first.interrupted
         # Kept safe at once when further runs, which may fail, are to come.
-        metrics = write_outputs(first, log, folder, report=False)
-        for result in results:
+        metrics = results.write(first, log, report=False)
+        for result in computed:
             interrupted = result.interrupted
             if not interrupted:
                 others.append(evaluate(result, log))
-    if report or others:
-        metrics = write_outputs(first, log, folder, report=report, other_runs=others)
-    return Finished(first, [metrics, *others], folder, report, interrupted)
+    if results.report or others:
+        metrics = results.write(first, log, report=results.report, others=others)
+    return Finished(first, [metrics, *others], results.folder, results.report, interrupted)
 
 
 def show(finished: Finished, *, json: bool = False) -> None:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .._entry import INTERRUPTED
 from .console import make_table, progress_bar, stderr, stdout
-from .errors import INTERRUPTED, RUN_FAILED
+from .errors import RUN_FAILED
 
 if TYPE_CHECKING:
     from ..sweep import Row

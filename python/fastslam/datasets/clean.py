@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import DataError
+from ..limits import LARGEST_STAMP_S, WIDEST_GAP_S, stamp_fault
 from ..log import REPEATED_STAMPS, Bools, Controls, Floats, Ints, Problem, Sightings
 from .planar import wrap_to_pi
 
@@ -18,11 +20,15 @@ LEAST_RUN = 5
 """So many stamps in order, but behind what came before, are no late rows: the clock was set back."""
 
 
-def clean_controls(stamp_s: Floats, values: Floats, *, path: Path) -> tuple[Controls, tuple[Problem, ...]]:
+def clean_controls(
+    stamp_s: Floats, values: Floats, *, path: Path, lines: Sequence[int] | None = None
+) -> tuple[Controls, tuple[Problem, ...]]:
     """Controls with strictly increasing stamps: bad rows dropped, stable sort, the last of equal stamps kept.
 
-    Shapes: `stamp_s` (N,), `values` (N, C). Errors: DataError when no row is left.
+    Shapes: `stamp_s` (N,), `values` (N, C); `lines` says where the rows stand in the file. Errors: DataError
+    when no row is left, or for a stamp that cannot be in seconds or lies months from all others.
     """
+    refuse_wrong_stamps(stamp_s, path=path, lines=lines)
     problems: list[Problem] = []
     finite = np.isfinite(stamp_s) & np.isfinite(values).all(axis=1)
     _count(problems, "odometry rows with NaN or infinite values: dropped", int(np.sum(~finite)))
@@ -42,11 +48,15 @@ def clean_controls(stamp_s: Floats, values: Floats, *, path: Path) -> tuple[Cont
     return Controls(stamp_s[is_last], values[is_last]), tuple(problems)
 
 
-def clean_sightings(sightings: Sightings, *, path: Path) -> tuple[Sightings, tuple[Problem, ...]]:
+def clean_sightings(
+    sightings: Sightings, *, path: Path, lines: Sequence[int] | None = None
+) -> tuple[Sightings, tuple[Problem, ...]]:
     """Sightings in time order with finite, positive ranges and bearings in [-pi, pi].
 
-    Errors: DataError when there were sightings and none is left.
+    `lines` says where the rows stand in the file. Errors: DataError when there were sightings and none is
+    left, or for a stamp that cannot be in seconds or lies months from all others.
     """
+    refuse_wrong_stamps(sightings.stamp_s, path=path, lines=lines)
     problems: list[Problem] = []
     finite = np.isfinite(sightings.stamp_s) & np.isfinite(sightings.range_m)
     finite &= np.isfinite(sightings.bearing_rad)
@@ -105,6 +115,35 @@ def _identical_rows(sightings: Sightings) -> Bools:
     repeats = np.ones(len(table), dtype=np.bool_)
     repeats[first] = False
     return repeats
+
+
+def refuse_wrong_stamps(stamp_s: Floats, *, path: Path, lines: Sequence[int] | None = None) -> None:
+    """Refuses stamps that no repair can save, and names the row.
+
+    Errors: DataError for a stamp that cannot be in seconds, and for stamps that lie months from the others:
+    the first row of the smaller part.
+    """
+    finite = np.flatnonzero(np.isfinite(stamp_s))
+    beyond = finite[np.abs(stamp_s[finite]) >= LARGEST_STAMP_S]
+    if len(beyond):
+        fault = stamp_fault(float(stamp_s[beyond[0]]))
+        raise _stamp_error(str(fault), int(beyond[0]), path, lines)
+    order = finite[np.argsort(stamp_s[finite], kind="stable")]
+    gaps_s = np.diff(stamp_s[order])
+    if len(gaps_s) == 0 or gaps_s.max() <= WIDEST_GAP_S:
+        return
+    split = int(np.argmax(gaps_s)) + 1
+    wrong = order[:split] if split < len(order) - split else order[split:]
+    row, gap_s = int(wrong.min()), float(gaps_s[split - 1])
+    others = f"{len(order) - len(wrong):,} other rows"
+    fault = f"the stamp {stamp_s[row]:.15g} lies {gap_s:.6g} s from the {others}"
+    raise _stamp_error(f"{fault}: a wrong stamp, another clock, or not in seconds?", row, path, lines)
+
+
+def _stamp_error(fault: str, row: int, path: Path, lines: Sequence[int] | None) -> DataError:
+    if lines is None:
+        return DataError(f"row {row + 1}: {fault}", path)
+    return DataError(fault, path, lines[row])
 
 
 def no_sightings() -> Sightings:

@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..csv_cells import unguarded
 from ..errors import DataError
+from ..limits import LARGEST_STAMP_S
 from ..log import Floats, Ints, Problem
-from .stamps import ISO_STAMP, LATEST_STAMP_S, iso_seconds
+from .stamps import ISO_STAMP, iso_seconds
 from .text import CUT_OFF_HINT, is_number, read_text
 
 
@@ -99,7 +101,7 @@ class CsvTable:
             wrong = np.isnan(values)
             message = "got {}, expected a date such as 2024-05-01T10:00:00.0Z, as above"
         else:
-            wrong = np.abs(values, where=np.isfinite(values), out=np.zeros(len(values))) > LATEST_STAMP_S
+            wrong = np.abs(values, where=np.isfinite(values), out=np.zeros(len(values))) > LARGEST_STAMP_S
             message = "got {}, which are no seconds: name the column stamp_ms, stamp_us or stamp_ns"
         if wrong.any():
             row = int(np.argmax(wrong))
@@ -112,7 +114,7 @@ class CsvTable:
         """A column of names as indices into the names in order of first appearance; -1 for an empty field."""
         texts = self.texts(name)
         # Most names repeat: each is stripped once.
-        stripped = {text: text.strip() for text in dict.fromkeys(texts)}
+        stripped = {text: unguarded(text.strip()) for text in dict.fromkeys(texts)}
         index_of: dict[str, int] = {"": -1}
         for text in stripped.values():
             index_of.setdefault(text, len(index_of) - 1)

@@ -185,7 +185,9 @@ def _plain(*names: str) -> Callable[[CsvTable, Wheels, str], tuple[Controls, tup
     """Columns that are the control itself."""
 
     def read(table: CsvTable, wheels: Wheels, model: str) -> tuple[Controls, tuple[Problem, ...]]:
-        return clean_controls(table.stamps("stamp_s"), _values(table, names), path=table.path)
+        return clean_controls(
+            table.stamps("stamp_s"), _values(table, names), path=table.path, lines=table.lines
+        )
 
     return read
 
@@ -240,7 +242,9 @@ def _read_quaternions(table: CsvTable, wheels: Wheels, model: str) -> tuple[Cont
 
 
 def _increments(table: CsvTable, T_odometer_robot: Floats) -> tuple[Controls, tuple[Problem, ...]]:
-    poses, problems = clean_controls(table.stamps("stamp_s"), T_odometer_robot, path=table.path)
+    poses, problems = clean_controls(
+        table.stamps("stamp_s"), T_odometer_robot, path=table.path, lines=table.lines
+    )
     _need_two(poses, table)
     return Controls(poses.stamp_s[1:], increments_between(poses.values)), problems
 
@@ -254,7 +258,7 @@ def _read_wheel_speeds(table: CsvTable, wheels: Wheels, model: str) -> tuple[Con
     left, right = (table.numbers(f"{side}_m_per_s") for side in ("left", "right"))
     track_width_m = wheels.needed("track_width_m", table.path, table.header_line)
     twists = twist_of_wheels(left, right, track_width_m)
-    return clean_controls(table.stamps("stamp_s"), twists, path=table.path)
+    return clean_controls(table.stamps("stamp_s"), twists, path=table.path, lines=table.lines)
 
 
 def _read_wheel_rates(table: CsvTable, wheels: Wheels, model: str) -> tuple[Controls, tuple[Problem, ...]]:
@@ -262,12 +266,12 @@ def _read_wheel_rates(table: CsvTable, wheels: Wheels, model: str) -> tuple[Cont
     track_width_m = wheels.needed("track_width_m", table.path, table.header_line)
     left, right = (radius_m * table.numbers(f"{side}_rad_per_s") for side in ("left", "right"))
     twists = twist_of_wheels(left, right, track_width_m)
-    return clean_controls(table.stamps("stamp_s"), twists, path=table.path)
+    return clean_controls(table.stamps("stamp_s"), twists, path=table.path, lines=table.lines)
 
 
 def _read_ticks(table: CsvTable, wheels: Wheels, model: str) -> tuple[Controls, tuple[Problem, ...]]:
     ticks = _values(table, ("left_ticks", "right_ticks"))
-    rows, problems = clean_controls(table.stamps("stamp_s"), ticks, path=table.path)
+    rows, problems = clean_controls(table.stamps("stamp_s"), ticks, path=table.path, lines=table.lines)
     _need_two(rows, table)
     lines = table.lines if len(table.lines) == len(rows.stamp_s) else [table.header_line] * len(rows.stamp_s)
     arcs = arcs_of_ticks(rows.values, wheels, path=table.path, lines=lines)

@@ -72,7 +72,7 @@ def read_sightings(path: Path) -> SightingsFile:
         signature=signature,
         covariance=_point_covariance(table) if cartesian else _covariance(table, COVARIANCE_COLUMNS),
     )
-    sightings, problems = clean_sightings(raw, path=path)
+    sightings, problems = clean_sightings(raw, path=path, lines=table.lines)
     if not table.lines:
         problems = (Problem(f"{path.name} holds no sighting: only the odometry is left"),)
     return SightingsFile(

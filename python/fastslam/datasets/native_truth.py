@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..csv_cells import unguarded
 from ..errors import DataError
 from ..log import Floats, PositionFixes, Problem, TruthLandmarks, TruthTrajectory
 from .columns import Quantity, name_columns
@@ -48,7 +49,7 @@ def read_landmarks(path: Path | None, *, complete: bool) -> TruthLandmarks | Non
     if path is None:
         return None
     table = _table(path, LANDMARKS)
-    names = tuple(name.strip() for name in table.texts("id"))
+    names = tuple(unguarded(name.strip()) for name in table.texts("id"))
     seen: set[str] = set()
     for name, line in zip(names, table.lines, strict=True):
         if not name or name in seen:

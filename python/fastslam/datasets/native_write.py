@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
 from .._yaml import write_yaml
+from ..csv_cells import guarded
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
 from .native_odometry import MOTION_COVARIANCE_COLUMNS
@@ -31,11 +33,20 @@ def write_native(log: Log, folder: Path | str) -> Path:
     """Write a log as a native folder and return the folder.
 
     All numbers are written so that they read back bit for bit; only true headings pass through a quaternion
-    and may differ in the last digits. Errors: DataError when the folder holds files already, the log has no
-    motion or sensor settings, or a name could not be read back (empty, surrounding blanks, line breaks).
+    and may differ in the last digits. Errors: DataError when the folder holds files already or cannot be
+    written, the log has no motion or sensor settings, or a name could not be read back (empty, surrounding
+    blanks, line breaks).
     """
     folder = Path(folder)
-    _check(log, folder)
+    try:
+        _check(log, folder)
+        _write(log, folder)
+    except OSError as error:
+        raise DataError(f"cannot write: {error.strerror or error}", error.filename or folder) from error
+    return folder
+
+
+def _write(log: Log, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     _write_odometry(log, folder / "odometry.csv")
     if log.scans is not None:
@@ -46,13 +57,12 @@ def write_native(log: Log, folder: Path | str) -> Path:
         _write_atomically(folder / "truth_trajectory.tum", tum_text(log.truth_trajectory))
     if log.truth_landmarks is not None:
         truth = zip(log.truth_landmarks.names, log.truth_landmarks.position_m.tolist(), strict=True)
-        rows = [(name, *position) for name, position in truth]
+        rows = [(guarded(name), *position) for name, position in truth]
         _write_csv(folder / "truth_landmarks.csv", ("id", "x_m", "y_m"), rows)
     if log.position_fixes is not None:
         fixes = np.column_stack([log.position_fixes.stamp_s, log.position_fixes.position_m])
         _write_csv(folder / "position_fixes.csv", ("stamp_s", "x_m", "y_m"), fixes.tolist())
     _write_atomically(folder / "log.yaml", write_yaml(_settings(log)))
-    return folder
 
 
 def _check(log: Log, folder: Path) -> None:
@@ -128,7 +138,8 @@ def _has_signature(sightings: Sightings) -> bool:
 
 
 def _names(indices: Ints, names: Sequence[str]) -> list[str]:
-    return ["" if index < 0 else names[index] for index in indices.tolist()]
+    cells = [guarded(name) for name in names]
+    return ["" if index < 0 else cells[index] for index in indices.tolist()]
 
 
 def tum_text(truth: TruthTrajectory) -> str:
@@ -144,15 +155,28 @@ def tum_text(truth: TruthTrajectory) -> str:
 
 def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """Floats are written by `repr`, which reads back bit for bit."""
-    temporary = path.with_name(f".{path.name}.part")
-    with temporary.open("w", encoding="utf-8", newline="") as file:
+    with _in_place_of(path) as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)
-    os.replace(temporary, path)
 
 
 def _write_atomically(path: Path, text: str) -> None:
+    with _in_place_of(path) as file:
+        file.write(text)
+
+
+@contextmanager
+def _in_place_of(path: Path) -> Iterator[TextIO]:
+    """A file that takes the place of `path` when it was written whole, and is gone otherwise."""
     temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+    try:
+        with temporary.open("w", encoding="utf-8", newline="") as file:
+            yield file
+        os.replace(temporary, path)
+    except OSError as error:
+        # Where the disk is full the error of closing the file does not name it.
+        error.filename = str(path)
+        raise
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -10,8 +10,6 @@ import numpy as np
 
 from ..log import Floats
 
-LATEST_STAMP_S = 1e11
-"""Seconds since 1970 of the year 5138: stamps beyond it count smaller units."""
 ISO_STAMP = re.compile(
     r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d+))?\s*(?:(Z|UTC)|([+-])(\d\d):?(\d\d))?", re.IGNORECASE
 )

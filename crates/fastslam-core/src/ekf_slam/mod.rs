@@ -124,7 +124,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
     /// **Why:** only the pose moves, so controls are gathered at O(1) and enter the joint covariance at the next update.
     pub fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
         Error::check_control(control, dt_s)?;
-        self.pending = self.config.motion.extend(&self.pending, control, dt_s);
+        self.pending = self.config.motion.extend(&self.pending, control, dt_s).checked(control, dt_s)?;
         Ok(())
     }
 

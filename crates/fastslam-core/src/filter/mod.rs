@@ -29,7 +29,7 @@ use crate::association::{fast, CandidateTable, Decision, FitTable, Rules, Scratc
 use crate::config::{Algorithm, Config};
 use crate::diagnosis::health::{MapInView, View, Vitals, Watch};
 use crate::diagnosis::{NoiseReport, TwoPlaces};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, LARGEST_MAGNITUDE};
 use crate::geometry::Pose;
 use crate::landmark::SensorPoses;
 use crate::measurement::{MeasurementModel, RangeBearing};
@@ -215,8 +215,12 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`.
     ///
     /// FastSLAM 1.0 samples every particle's pose now; 2.0 keeps the motion as a Gaussian until sightings come.
+    ///
+    /// **Errors:** [`Error::Input`] for a control that no robot could follow; the filter is then as it was.
     pub fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
         Error::check_control(control, dt_s)?;
+        // Nothing is pending where the poses are sampled at once.
+        let extended = self.config.motion.extend(&self.pending, control, dt_s).checked(control, dt_s)?;
         match self.config.algorithm {
             Algorithm::Fastslam1 => {
                 let stream = self.random.stream(Purpose::Motion, self.controls);
@@ -228,7 +232,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                     motion.sample(control, dt_s, stream, PoseColumns { first_particle, x, y, heading });
                 });
             }
-            _ => self.pending = self.config.motion.extend(&self.pending, control, dt_s),
+            _ => self.pending = extended,
         }
         self.motion_since_scan = self.config.motion.extend_by_noise(&self.motion_since_scan, control, dt_s);
         self.remember_motion(control, dt_s);
@@ -238,8 +242,10 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Processes all sightings of one stamp (there may be none).
     ///
-    /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings; [`Error::Input`] for a class
-    /// beyond those configured.
+    /// **Errors:** [`Error::Input`] for a class beyond those configured; the filter is then as it was.
+    /// [`Error::AllWeightsZero`] when no particle can explain the sightings: then all particles count the same from
+    /// here, landmarks at no place that can be computed with are gone, the step does not count and is no part of the path, and the
+    /// filter can go on.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         self.config.association.check_classes(sightings)?;
         let mut info = StepInfo { step: self.steps, ..StepInfo::default() };
@@ -254,7 +260,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         info.sampled = !self.keeps_motion_pending(&rounds[0]);
         let done = rounds[..used].iter().try_for_each(|round| self.process(round, &mut info));
         self.rounds = rounds;
-        done?;
+        if let Err(error) = done {
+            self.start_anew_with_weights();
+            return Err(error);
+        }
         if info.sampled {
             let particles = &self.particles;
             self.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
@@ -268,6 +277,25 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.judge_health(stamp_s, births_before, &mut info);
         self.steps += 1;
         Ok(info)
+    }
+
+    /// After a scan that left no particle any weight: what the scan did to weights is undone by forgetting them all, and
+    /// what it did to maps by forgetting the landmarks that it made unusable.
+    fn start_anew_with_weights(&mut self) {
+        self.particles.log_weight.fill(0.0);
+        self.particles.score.fill(0.0);
+        self.restart_weights();
+        let mut row = vec![0.0; self.landmarks.columns()];
+        for slot in self.landmarks.live_slots() {
+            let holders: Vec<usize> =
+                (0..self.particles.len()).filter(|i| self.landmarks.read_row(slot, *i, &mut row)).collect();
+            if self.landmarks.read(slot).is_within(LARGEST_MAGNITUDE) {
+                continue;
+            }
+            holders.into_iter().for_each(|i| self.particles.landmarks[i] -= 1);
+            self.landmarks.remove(slot);
+        }
+        self.estimate_beliefs();
     }
 
     /// Parts the usable sightings into scans that see each identity once at most; returns how many there are, one at

@@ -17,7 +17,7 @@ pub use increments::Increments;
 pub use odometry::Odometry;
 pub use velocity::Velocity;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, LARGEST_MAGNITUDE};
 use crate::geometry::{multiply3, transform3, Matrix3, Pose};
 use crate::math;
 use crate::random::Stream;
@@ -224,6 +224,15 @@ fn symmetrized(m: &Matrix3) -> Matrix3 {
 }
 
 impl MotionGaussian {
+    /// This motion, or an error that names the control that made it too large to compute with.
+    pub(crate) fn checked(self, control: [f64; 3], dt_s: f64) -> Result<Self> {
+        let numbers = self.mean.to_array().into_iter().chain(self.covariance.into_iter().flatten());
+        if numbers.into_iter().all(|v| v.abs() <= LARGEST_MAGNITUDE) {
+            return Ok(self);
+        }
+        Err(Error::Input(format!("control {control:?} for {dt_s} s: no robot moves that far, or as uncertainly")))
+    }
+
     /// Covariance of the pose reached from a start with this heading, in the world's axes.
     #[inline(always)]
     pub fn covariance_in_world(&self, heading: f64) -> Matrix3 {

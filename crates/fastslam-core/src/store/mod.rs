@@ -57,6 +57,11 @@ impl<'a> Rows<'a> {
     pub fn column(&self, index: usize) -> &'a [f64] {
         &self.values[index * self.rows..(index + 1) * self.rows]
     }
+
+    /// Whether every number is one, and at most `limit`.
+    pub fn is_within(&self, limit: f64) -> bool {
+        self.values.iter().all(|value| value.abs() <= limit)
+    }
 }
 
 /// [`Rows`] that may be changed.

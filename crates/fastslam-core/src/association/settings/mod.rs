@@ -171,7 +171,7 @@ impl AssociationConfig {
     }
 
     /// An error when a sighting's class is beyond those configured.
-    pub(crate) fn check_classes(&self, sightings: &[Sighting]) -> Result<()> {
+    pub fn check_classes(&self, sightings: &[Sighting]) -> Result<()> {
         let Some(classes) = &self.classes else { return Ok(()) };
         match sightings.iter().find_map(|s| s.appearance.class.filter(|class| *class >= classes.number)) {
             Some(class) => Err(Error::Input(format!(
