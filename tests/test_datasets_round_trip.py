@@ -29,7 +29,8 @@ SENSOR = {
 }
 WIDTHS = {"velocity": 2, "ackermann": 2, "odometry": 3, "increments": 3}
 numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
-stamps = st.lists(st.floats(-1e10, 1e10), min_size=1, max_size=8)
+# Stamps farther apart than 58 days are refused, and sightings that repeat each other are dropped.
+stamps = st.lists(st.floats(-2e6, 2e6), min_size=1, max_size=8)
 names = st.lists(
     st.text(min_size=1, max_size=6).filter(lambda text: text == text.strip() and text.isprintable()),
     min_size=1,
@@ -46,7 +47,7 @@ def first_seen_order(indices: list[int]) -> list[int]:
 
 @st.composite
 def sightings_and_names(draw: st.DrawFn) -> tuple[Sightings, tuple[str, ...], tuple[str, ...]]:
-    stamp = sorted(draw(stamps))
+    stamp = sorted(set(draw(stamps)))
     count = len(stamp)
 
     def labels() -> tuple[Any, tuple[str, ...]]:

@@ -338,10 +338,10 @@ def test_run_says_problems_first_and_keeps_them(tmp_path: Path) -> None:
 
 
 def test_run_refuses_what_means_nothing_unless_told_to(tmp_path: Path) -> None:
-    folder = write_native(FAULTS["sightings in ns"].put(make_small_log()), tmp_path / "log")
+    folder = write_native(FAULTS["sightings in ms"].put(make_small_log()), tmp_path / "log")
     arguments = ("run", folder, "--no-report", "--out", tmp_path / "out", "--set", "filter.particles=5")
     fastslam(*arguments).assert_one_line_error(
-        exit_code=1, contains="stamps of the sightings in nanoseconds?"
+        exit_code=1, contains="stamps of the sightings in milliseconds?"
     )
     assert not (tmp_path / "out").exists()
 

@@ -159,7 +159,7 @@ mod tests {
         config.sensor.range_std_m = 0.0;
         assert_eq!(
             config.validate().map_err(|e| e.to_string()),
-            Err("sensor.range_std_m: got 0, expected a finite number above 0".into())
+            Err("sensor.range_std_m: got 0, expected a finite number above 0 (1e-30 to 1e30)".into())
         );
         let mut config = Config::default();
         config.filter.resampling.threshold = 1.5;
