@@ -32,7 +32,14 @@ numbers = st.floats(allow_nan=False, allow_infinity=False, width=64)
 # Stamps farther apart than 58 days are refused, and sightings that repeat each other are dropped.
 stamps = st.lists(st.floats(-2e6, 2e6), min_size=1, max_size=8)
 names = st.lists(
-    st.text(min_size=1, max_size=6).filter(lambda text: text == text.strip() and text.isprintable()),
+    st.text(min_size=1, max_size=6).filter(
+        # Words for "nobody knows" are no names.
+        lambda text: (
+            text == text.strip()
+            and text.isprintable()
+            and text.casefold() not in ("-1", "nan", "none", "null", "n/a", "unknown")
+        )
+    ),
     min_size=1,
     max_size=3,
     unique=True,
