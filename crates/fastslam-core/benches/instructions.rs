@@ -23,6 +23,8 @@ const PARTICLES: usize = 256;
 /// Landmarks in one scan.
 const SCAN: u32 = 8;
 const LANDMARKS: u32 = 64;
+/// Time from scan to scan. The watch examines every fourth scan, and each one where they are more than 0.75 s apart.
+const SCAN_PERIOD_S: f64 = 0.1;
 /// Growth of a count that fails.
 const TOLERANCE: f64 = 0.03;
 const KERNELS: [&str; 5] = ["correction", "known 1.0", "known 2.0", "unknown 1.0", "unknown 2.0"];
@@ -83,7 +85,7 @@ fn step(algorithm: Algorithm, identities: Identities, repetitions: u32) {
     for step in 1..=repetitions {
         filter.predict([0.0; 3], 0.01).expect("a valid control");
         let scan: Vec<Sighting> = (0..SCAN).map(|j| sighting((7 * step + 13 * j) % LANDMARKS)).collect();
-        black_box(filter.update(f64::from(step), &scan).expect("explained"));
+        black_box(filter.update(SCAN_PERIOD_S * f64::from(step), &scan).expect("explained"));
     }
 }
 

@@ -14,12 +14,13 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// fit; removes landmarks that were founded by such a sighting.
     pub(super) fn doubt_names(&mut self, scan: &mut Vec<ScanSighting>, info: &mut StepInfo) {
         let gate = IMPLAUSIBLE * self.watch.noise.usual_excess();
+        let best = self.particles.best();
         let mut known = 0;
         let mut misfits: Vec<usize> = Vec::new();
         for (j, sighting) in scan.iter().enumerate() {
             let Some(slot) = self.known_slot(sighting) else { continue };
             known += 1;
-            if self.is_implausible(sighting, slot, gate) {
+            if self.is_implausible(sighting, slot, gate, best) {
                 misfits.push(j);
             }
         }
@@ -34,11 +35,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
     }
 
-    /// Whether no particle can have seen its landmark there; nearly always the first one asked can.
-    fn is_implausible(&self, sighting: &ScanSighting, slot: u32, gate: f64) -> bool {
-        let best = self.particles.best();
-        let others = (0..self.particles.len()).filter(|i| *i != best);
-        std::iter::once(best).chain(others).all(|particle| {
+    /// Whether no particle can have seen its landmark there; nearly always `first`, who is asked first, can.
+    fn is_implausible(&self, sighting: &ScanSighting, slot: u32, gate: f64, first: usize) -> bool {
+        let others = (0..self.particles.len()).filter(|i| *i != first);
+        std::iter::once(first).chain(others).all(|particle| {
             self.held_by(particle, slot).is_none_or(|(landmark, _)| {
                 let fit = self.belief_of(particle).fit(&self.model, self.T_robot_sensor, &landmark, &sighting.measured);
                 fit.mahalanobis_squared > gate
