@@ -1,8 +1,6 @@
 //! Which landmark a sighting belongs to: cases with known answers, and the spatial index against looking at every
 //! landmark.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
-
 use fastslam_core::association::Belief;
 use fastslam_core::config::{Algorithm, AssociationOrder, Config, Exclusion, Removal};
 use fastslam_core::filter::{FastSlam, Identities, MapLandmark, Sighting};

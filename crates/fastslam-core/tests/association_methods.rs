@@ -1,7 +1,5 @@
 //! Each method of association against enumeration of all explanations of a scan.
 
-#![allow(clippy::unwrap_used)] // That is how a test fails.
-
 use fastslam_core::association::{
     assign, decide_assignment, decide_joint, decide_sampled, Appearance, Belief, CandidateTable, Decision, FitTable,
     Hypothesis, ParticleHypothesis, Rules, ScanSighting, Scratch, MOST_JOINT,

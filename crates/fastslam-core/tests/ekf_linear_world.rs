@@ -1,8 +1,6 @@
 //! EKF-SLAM in the linear-Gaussian world, where the exact posterior is that of least squares over all poses and
 //! landmarks at once.
 
-#![allow(clippy::unwrap_used, clippy::expect_used)]
-
 use fastslam_core::association::Appearance;
 use fastslam_core::config::Config;
 use fastslam_core::ekf_slam::EkfSlam;

@@ -1,8 +1,6 @@
 //! EKF-SLAM against a textbook version: dense matrices, one prediction per control, hand-written Jacobians, Joseph's
 //! form with an explicit inverse. The two share no code but the random numbers.
 
-#![allow(clippy::unwrap_used, clippy::expect_used)]
-
 use fastslam_core::config::{AssociationMode, AssociationOrder, Config, Exclusion};
 use fastslam_core::ekf_slam::EkfSlam;
 use fastslam_core::filter::{Identities, Sighting};

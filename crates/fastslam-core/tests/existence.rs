@@ -1,7 +1,5 @@
 //! Landmarks that should be seen and are not disappear, and only those.
 
-#![allow(clippy::unwrap_used)] // That is how a test fails.
-
 use fastslam_core::config::{Algorithm, AssociationMode, Config, Removal};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::store::StoreKind;

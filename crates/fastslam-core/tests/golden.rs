@@ -3,8 +3,6 @@
 //! After a change that is meant to alter them: `FASTSLAM_REFRESH_GOLDEN=1 cargo test -p fastslam-core --test golden`,
 //! and say in the review why the numbers moved.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
-
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::run::{run, Observer};
 use fastslam_sim::{simulate, Identities, SimulationConfig};

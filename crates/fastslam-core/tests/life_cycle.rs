@@ -1,7 +1,5 @@
 //! The life of landmarks: provisional and confirmed, by Bayes' rule, merged; and bad detections that must not matter.
 
-#![allow(clippy::unwrap_used)] // That is how a test fails.
-
 use fastslam_core::association::Appearance;
 use fastslam_core::config::{Classes, Config, ExistenceForm, MergingRule, Method, Removal, Signatures};
 use fastslam_core::filter::{FastSlam, Identities, MapLandmark, Sighting};

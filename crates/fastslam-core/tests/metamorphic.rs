@@ -1,15 +1,11 @@
 //! Changes of the input whose effect on the output is known exactly.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
-
-mod linear_world;
-
+use crate::linear_world::{self, simulate, LANDMARKS, MODEL};
 use fastslam_core::config::{Algorithm, Config, InitialPose};
 use fastslam_core::filter::{FastSlam, Identities, PoseEstimate, Sighting};
 use fastslam_core::geometry::{multiply3, Pose};
 use fastslam_core::motion::{Motion, Velocity};
 use fastslam_core::random::{Purpose, RandomSource};
-use linear_world::{simulate, LANDMARKS, MODEL};
 
 const ALGORITHMS: [Algorithm; 2] = [Algorithm::Fastslam1, Algorithm::Fastslam2];
 const FIELD: [[f64; 2]; 4] = [[4.0, 1.0], [2.0, -3.0], [6.0, 2.5], [-2.0, 2.0]];

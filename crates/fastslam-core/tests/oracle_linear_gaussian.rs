@@ -3,10 +3,7 @@
 //! R independent runs on one log differ only in the seed. Standard errors are measured from the runs themselves; a
 //! bound of 4 of them fails by chance once in 16,000 comparisons.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
-
-mod linear_world;
-
+use crate::linear_world::{config, exact, sighting, simulate, Exact, Step, LANDMARKS, MODEL, MOTION_STD_M};
 use fastslam_core::association::Belief;
 use fastslam_core::config::Algorithm;
 use fastslam_core::filter::{FastSlam, Identities};
@@ -16,7 +13,6 @@ use fastslam_core::measurement::MeasurementModel;
 use fastslam_core::random::{Purpose, RandomSource};
 use fastslam_core::resampling::{resample, ResamplingScheme};
 use fastslam_core::weights::Weights;
-use linear_world::{config, exact, sighting, simulate, Exact, Step, LANDMARKS, MODEL, MOTION_STD_M};
 
 const ALGORITHMS: [Algorithm; 2] = [Algorithm::Fastslam1, Algorithm::Fastslam2];
 /// Robot and three landmarks, two axes each.

@@ -1,9 +1,6 @@
 //! Drawing all particles anew from the posterior over paths.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
-
-mod linear_world;
-
+use crate::linear_world::{self, exact, sighting, LANDMARKS, MODEL};
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::geometry::Pose;
@@ -11,7 +8,6 @@ use fastslam_core::run::{run, Observer, RunOutput};
 use fastslam_core::store::StoreKind;
 use fastslam_core::timeline::LogData;
 use fastslam_sim::{simulate, SimulatedLog, SimulationConfig};
-use linear_world::{exact, sighting, LANDMARKS, MODEL};
 
 /// Watches nothing; time stands still.
 struct Blind;

@@ -1,7 +1,5 @@
 //! Bad input, extreme settings and everything in between: an error, a counted skip or finite numbers, never a panic.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
-
 use fastslam_core::association::Appearance;
 use fastslam_core::config::{
     Algorithm, Classes, Config, ExistenceForm, Merging, MergingRule, Method, Removal, Signatures,

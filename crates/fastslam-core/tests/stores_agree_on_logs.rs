@@ -1,7 +1,5 @@
 //! Whole runs give the same bits whichever store holds the maps.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // That is how a test fails.
-
 use fastslam_core::config::{
     Algorithm, AssociationMode, Classes, Config, ExistenceForm, MergingRule, Method, Removal, Signatures,
 };

@@ -1,7 +1,5 @@
 //! Neither what is decided nor what is computed depends on the number of threads.
 
-#![allow(clippy::unwrap_used)] // That is how a test fails.
-
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::motion::{Increments, Motion};

@@ -1,6 +1,4 @@
 //! Reflectors and corners against arenas whose truth is known.
-#![allow(clippy::unwrap_used)] // That is how a test fails.
-
 use fastslam_core::detect::{BeamGeometry, Detection, Detector, DetectorConfig, DetectorKind, Scan};
 use fastslam_core::geometry::Pose;
 use fastslam_core::random::{Purpose, RandomSource};

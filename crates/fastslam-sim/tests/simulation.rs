@@ -1,6 +1,4 @@
 //! What a simulated log promises, checked against its own truth.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use fastslam_core::error::Error;
 use fastslam_core::geometry::Pose;
 use fastslam_core::measurement::{MeasurementModel, Mounting, Sensor};
