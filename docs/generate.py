@@ -1,13 +1,15 @@
 """Writes the reference pages that come from the code: `python docs/generate.py` (or `make docs`).
 
 - `cli.md` from the command line itself;
-- `configuration.md`, `simulation.md` and `detectors.md` from the schemas of the core.
+- `configuration.md`, `simulation.md` and `detectors.md` from the schemas of the core;
+- `python/README.md`, what a package index shows, from the README.
 """
 
 from __future__ import annotations
 
 import inspect
 import json
+import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -125,9 +127,19 @@ Every key of the detectors that find landmarks in laser scans: `fastslam.detecti
 or `detector_json` in the `scans.npz` of a native log."""
 
 
+def package_readme() -> str:
+    """The README as a package index shows it: without pictures, links and what only a checkout has."""
+    text = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    text = re.sub(r"<!-- checkout -->\n.*?<!-- /checkout -->\n+", "", text, flags=re.DOTALL)
+    # Links within the project lead nowhere on an index; their words stay.
+    text = re.sub(r"\[([^\]]+)\]\((?!https?://)[^)]*\)", r"\1", text)
+    return NOTE + "\n" + text
+
+
 def pages() -> dict[str, str]:
     """File name to text of every generated page."""
     return {
+        "../python/README.md": package_readme(),
         "cli.md": cli_page(),
         "configuration.md": settings_page("Configuration", CONFIGURATION, config.explain()),
         "simulation.md": settings_page("Simulation settings", SIMULATION, simulation.SCHEMA.explain()),
@@ -137,5 +149,6 @@ def pages() -> dict[str, str]:
 
 if __name__ == "__main__":
     for name, text in pages().items():
-        (DOCS / name).write_text(text, encoding="utf-8")
-        print(DOCS / name)
+        path = (DOCS / name).resolve()
+        path.write_text(text, encoding="utf-8")
+        print(path)

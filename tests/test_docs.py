@@ -95,9 +95,16 @@ def test_there_are_examples() -> None:
 
 def test_generated_pages_are_up_to_date() -> None:
     pages = runpy.run_path(str(ROOT / "docs" / "generate.py"))["pages"]()
-    assert len(pages) == 4
+    assert len(pages) == 5
     for name, text in pages.items():
         assert (ROOT / "docs" / name).read_text(encoding="utf-8") == text, f"{name}: run `make docs`"
+
+
+def test_the_readme_of_the_package_needs_no_checkout() -> None:
+    text = (ROOT / "python" / "README.md").read_text(encoding="utf-8")
+    assert "# fastslam\n" in text and "```python" in text and "fastslam info my-log" in text
+    assert "![" not in text and "](" not in text.replace("](https://", "") and "make demo" not in text
+    assert "checkout -->" not in text and "tutorial" not in text
 
 
 def test_links_lead_somewhere() -> None:
