@@ -23,7 +23,14 @@ from fastslam.log import PositionFixes
 from fastslam.result import Trajectory
 
 RUN_METRICS = {
-    *("steps", "sightings", "landmarks", "filter_seconds", "particle_updates_per_second"),
+    *(
+        "steps",
+        "sightings",
+        "landmarks",
+        "landmarks_provisional",
+        "filter_seconds",
+        "particle_updates_per_second",
+    ),
     *("peak_memory_bytes", "map_bytes", "step_latency_us", "resamplings", "rejuvenations"),
     *("mean_effective_sample_size", "mean_particles", "nis", "health_ok_fraction", "health_lost_fraction"),
     "counts",

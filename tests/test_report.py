@@ -282,3 +282,61 @@ def test_the_health_figure_names_reasons_and_the_page_repeats_warnings() -> None
     assert (
         '<p class="warning">Range innovations are 2.3 times as large as sensor.range_std_m says.</p>' in page
     )
+
+
+def test_without_truth_nothing_is_called_an_error() -> None:
+    with house_style():
+        axis = plot_error_over_time(new_axis(), make_run(), make_log(truth=False))
+    words = " ".join((axis.get_title(loc="left"), axis.get_ylabel(), *legend_texts(axis)))
+    assert "2σ of the position [m]" in words
+    assert "error" not in words
+    with house_style():
+        axis = plot_error_over_time(new_axis(), make_run(), make_log(truth=False, fixes=True))
+    assert axis.get_ylabel() == "distance to fix [m]"
+
+
+def test_the_verdict_comes_first_then_the_map_then_numbers() -> None:
+    page = make_page(run=replace(make_run(), warnings=("range_std_m is too small", "bearing_std_rad too")))
+    where = [page.index(mark) for mark in ('class="verdict"', 'class="warning"', "<svg", 'class="cards"')]
+    assert where == sorted(where)
+    against = re.search(r'<p class="verdict">([^<]*)</p>', page)
+    # Both, and the health of the fabricated run.
+    assert against is not None and "3 things to look at" in against.group(1)
+    steps = replace(make_steps(np.arange(200.0)), health=np.ones(200, dtype=np.int64))
+    assert "No check speaks against this run" in make_page(run=replace(make_run(), steps=steps))
+
+
+def test_provisional_landmarks_are_not_in_the_headline() -> None:
+    run = make_run()
+    confirmed = np.ones(len(run.landmarks.ids), dtype=bool)
+    confirmed[:3] = False
+    page = make_page(run=replace(run, landmarks=replace(run.landmarks, confirmed=confirmed)))
+    assert f"<b>{len(confirmed) - 3} <small></small></b><span>landmarks in the map</span>" in page
+    assert "<b>3 <small></small></b><span>landmarks not yet believed" in page
+    assert page.count(", provisional</title>") == 3
+
+
+def test_the_map_tells_each_landmark_under_the_pointer_and_in_a_table() -> None:
+    run = make_run()
+    page = make_page(run=run)
+    titles = re.findall(r'<circle cx="([^"]*)" cy="([^"]*)" r="5"><title>([^<]*)</title>', page)
+    assert [title.split(":")[0] for _, _, title in titles] == list(run.landmarks.ids)
+    # The spots lie where the picture has the landmarks: distances keep their proportion, and north is up.
+    at = np.array([[float(x), float(y)] for x, y, _ in titles])
+    spans = at - at[0], run.landmarks.mean_m - run.landmarks.mean_m[0]
+    scale = np.linalg.norm(spans[0]) / np.linalg.norm(spans[1])
+    np.testing.assert_allclose(spans[0], spans[1] * [scale, -scale], atol=0.2)
+    for name in run.landmarks.ids:
+        assert f"<tr><td>{name}</td>" in page
+
+
+def test_a_page_with_a_thousand_landmarks_stays_small_and_one_with_more_says_where_they_are() -> None:
+    rng = np.random.default_rng(3)
+    names = tuple(f"L{k}" for k in range(1000))
+    page = make_page(run=replace(make_run(), landmarks=make_map(names, rng.uniform(0.0, 100.0, (1000, 2)))))
+    assert page.count("<circle") == 1000
+    assert len(page.encode()) < 1_000_000
+    names = tuple(f"L{k}" for k in range(2001))
+    page = make_page(run=replace(make_run(), landmarks=make_map(names, rng.uniform(0.0, 100.0, (2001, 2)))))
+    assert "<circle" not in page
+    assert "2,001 landmarks: <code>landmarks.csv</code>" in page

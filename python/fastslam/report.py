@@ -1,4 +1,4 @@
-"""One self-contained HTML page about a run: key figures, pictures, metrics, problems, configuration."""
+"""One self-contained HTML page about a run: verdict, map, key figures, pictures, tables, configuration."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from string import Template
 from .evaluation import Evaluation, Metrics, evaluate_run, flatten
 from .evaluation.display import MetricRow, format_metric, format_number, metric_rows, summary_rows
 from .evaluation.metrics import METRIC_UNITS, particle_count
+from .health import health_summary
 from .log import Log
+from .report_landmarks import hover_layer, landmark_table
 from .result import RunResult
 from .resultfiles import REPORT_FILE, config_yaml, write_atomically
 from .verdict import warnings_of
@@ -28,9 +30,10 @@ _CARDS = (
 )
 _CAPTIONS = {
     "map": "Landmarks with 2σ ellipses of the mixture over particles (they hold 86 % of a planar Gaussian), "
-    "the path as known at each time (live) and in hindsight (smoothed).",
-    "error": "Distance between estimated and true position after rigid alignment; the band is twice the "
-    "standard deviation along the major axis of the reported covariance.",
+    "the path as known at each time (live) and in hindsight (smoothed). Rest the pointer on a landmark "
+    "for its figures.",
+    "error": "The band is twice the standard deviation along the major axis of the reported covariance. "
+    "Where the log has true poses or position fixes, the distance to them after rigid alignment.",
     "health": "Above: whether the filter could be believed, and the reasons where not. Below: squared "
     "innovations over what the configured noise predicts (NIS), averaged over a sliding window; far above 2 "
     "the noise is set too small, far below too large.",
@@ -63,16 +66,20 @@ def render_report(
 ) -> str:
     """The report as HTML text."""
     found = evaluate_run(result, log) if evaluation is None else evaluation
+    figures = _figures(result, log, found)
     page = resources.files("fastslam").joinpath("report_page.html").read_text(encoding="utf-8")
     return Template(page).substitute(
         title=escape(f"{log.name}: map and path"),
         version=escape(result.version),
         facts=_facts(result, log),
+        verdict=_verdict(result),
         warnings=_warnings(result, found),
+        map=figures.pop("map"),
         cards=_cards(found.metrics),
-        figures=_figures(result, log, found),
+        figures="".join(figures.values()),
         runs=_runs_table(runs) if len(runs) > 1 else "",
         metrics=_metrics_tables(found.metrics),
+        landmarks=landmark_table(result.landmarks),
         problems=_problems(result, log),
         config=escape(config_yaml(result)),
     )
@@ -89,6 +96,16 @@ def _facts(result: RunResult, log: Log) -> str:
         f"fastslam {result.version}",
     ]
     return " · ".join(escape(part) for part in parts if part)
+
+
+def _verdict(result: RunResult) -> str:
+    """One line: whether anything speaks against the run."""
+    against, health = len(warnings_of(result)), health_summary(result.steps)
+    said = "" if health.ok is None else f"The filter's health was ok in {health.ok:.0%} of its steps. "
+    if against == 0 and health.ok is not None and not result.interrupted:
+        return f'<p class="verdict good">{said}No check speaks against this run.</p>'
+    what = "nothing could be judged" if not against else f"{against} thing{'s' * (against > 1)} to look at"
+    return f'<p class="verdict">{said}{what[:1].upper()}{what[1:]}.</p>'
 
 
 def _warnings(result: RunResult, found: Evaluation) -> str:
@@ -114,6 +131,9 @@ def _cards(metrics: Metrics) -> str:
     precision, recall = flat.get("landmark_precision"), flat.get("landmark_recall")
     if precision is not None and recall is not None:
         cards.insert(-3, _card(f"{precision:.0%} / {recall:.0%}", "", "landmark precision / recall"))
+    provisional = flat.get("landmarks_provisional")
+    if provisional:
+        cards.append(_card(f"{provisional:,.0f}", "", "landmarks not yet believed, not counted above"))
     return "".join(cards)
 
 
@@ -121,22 +141,30 @@ def _card(text: str, unit: str, label: str) -> str:
     return f'<div class="card"><b>{escape(text)} <small>{escape(unit)}</small></b><span>{label}</span></div>'
 
 
-def _figures(result: RunResult, log: Log, found: Evaluation) -> str:
+def _figures(result: RunResult, log: Log, found: Evaluation) -> dict[str, str]:
+    """The figures as HTML, by name."""
     # Imported here so that scoring and result files work where Matplotlib is not installed.
     from .plots import make_figures, render
 
-    blocks = []
+    blocks = {}
     for name, figure in make_figures(result, log, evaluation=found).items():
         svg = _themed(render(figure, "svg").decode(), name)
-        blocks.append(f"<figure>{svg}<figcaption>{_CAPTIONS[name]}</figcaption></figure>")
-    return "".join(blocks)
+        if name == "map":
+            svg = svg.replace("</svg>", f"{hover_layer(figure, result.landmarks)}</svg>")
+        blocks[name] = f"<figure>{svg}<figcaption>{_CAPTIONS[name]}</figcaption></figure>"
+    return blocks
+
+
+_DECIMALS = re.compile(r"(\.\d\d)\d+")
+"""What the outline of a mark does not need: a hundredth of a point is enough."""
 
 
 def _themed(svg: str, name: str) -> str:
-    """SVG ready to stand in the page: its greys follow the page's theme, its ids are its own."""
+    """SVG ready to stand in the page: its greys follow the page's theme, its ids are its own, it is short."""
     from .plots import style
 
     svg = svg[svg.index("<svg") :]
+    svg = re.sub(r' d="[^"]*"', lambda path: _DECIMALS.sub(r"\1", path.group()), svg)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
     colors = {style.INK: "ink", style.MUTED: "axis", style.GRID: "grid", style.TRUTH: "truth"}
     colors |= {style.PAPER: "paper", style.LIVE: "live"}

@@ -23,6 +23,7 @@ METRIC_UNITS: dict[str, str] = {
     "steps": "",
     "sightings": "",
     "landmarks": "",
+    "landmarks_provisional": "",
     "filter_seconds": "s",
     "particle_updates_per_second": "1/s",
     "peak_memory_bytes": "B",
@@ -163,10 +164,13 @@ def run_metrics(result: RunResult) -> Metrics:
     if particles is not None and result.filter_seconds > 0.0:
         rate = float(steps.particles @ steps.sightings) / result.filter_seconds
     health = health_summary(steps)
+    confirmed = result.landmarks.confirmed
+    provisional = 0 if confirmed is None else int(np.count_nonzero(~confirmed))
     return {
         "steps": len(steps.stamp_s),
         "sightings": sightings,
-        "landmarks": len(result.landmarks.ids),
+        "landmarks": len(result.landmarks.ids) - provisional,
+        "landmarks_provisional": provisional,
         "filter_seconds": float(result.filter_seconds),
         "particle_updates_per_second": rate,
         "peak_memory_bytes": int(result.peak_memory_bytes),

@@ -18,6 +18,7 @@ from ..result import LandmarkMap, RunResult
 from . import style
 
 ELLIPSE_SIGMAS = 2.0
+POINTS_OF_AN_ELLIPSE = 25
 MAX_CLEAR_LANDMARKS = 2000
 """Of more landmarks than this each becomes a dot under the path, or they would cover everything."""
 
@@ -151,7 +152,7 @@ def _plot_landmarks(axis: Axes, landmarks: LandmarkGroup) -> None:
         edgecolors=landmarks.color if count <= MAX_CLEAR_LANDMARKS else "none",
         linewidths=0.9 if count <= 500 else 0.4,
         zorder=5 if count <= MAX_CLEAR_LANDMARKS else 1.4,
-        rasterized=style.is_heavy(10 * count),
+        rasterized=style.is_heavy(POINTS_OF_AN_ELLIPSE * count),
     )
     axis.add_collection(ellipses)
 

@@ -31,11 +31,10 @@ def plot_error_over_time(
     start_s = _start_s(result)
     if trajectory.covariance is not None and len(trajectory.stamp_s):
         reach_m = BAND_SIGMAS * position_std_m(trajectory.covariance)
-        label = f"{BAND_SIGMAS:g}σ of the reported position"
-        axis.fill_between(
-            trajectory.stamp_s - start_s, 0.0, reach_m, color=style.BAND, alpha=0.25, linewidth=0, label=label
-        )
-    title = "Reported position uncertainty (this log has no truth)"
+        band: dict[str, Any] = {"color": style.BAND, "alpha": 0.25, "linewidth": 0}
+        band["label"] = f"{BAND_SIGMAS:g}σ of the reported position"
+        axis.fill_between(trajectory.stamp_s - start_s, 0.0, reach_m, **band)
+    title, label = "Reported position uncertainty (this log has no truth)", "2σ of the position [m]"
     if found.live is not None:
         _line(
             axis,
@@ -55,12 +54,16 @@ def plot_error_over_time(
                 color=style.SMOOTHED,
                 linewidth=0.8,
             )
-        title = f"Position error after alignment, RMSE {found.live.aligned_m.rmse:.3g} m"
+        title, label = (
+            f"Position error after alignment, RMSE {found.live.aligned_m.rmse:.3g} m",
+            "position error [m]",
+        )
     elif found.fixes is not None:
         _plot_fix_errors(axis, found.fixes.stamp_s - start_s, found.fixes.error_m)
         title = f"Distance to position fixes after alignment, median {found.fixes.median_m:.3g} m"
+        label = "distance to fix [m]"
     axis.set_ylim(bottom=0.0)
-    return _finish(axis, title=title, label="position error [m]")
+    return _finish(axis, title=title, label=label)
 
 
 def position_std_m(covariance: Floats) -> Floats:
