@@ -113,7 +113,7 @@ def test_sightings_of_a_log_from_arrays_are_sorted_and_may_lack_names() -> None:
         (([0.0], [[1, float("nan")]]), ([], [], []), "controls: values: row 0 is not finite"),
         (([0.0], [[1]]), ([], [], []), "1 columns, expected 2 or 3"),
         (([0.0], [1.0]), ([], [], []), "shape"),
-        (([0.0], [["x", "y"]]), ([], [], []), "not numbers"),
+        (([0.0], [["x", "y"]]), ([], [], []), "expected numbers, got"),
         (([0.0], [[1, 0]]), ([0.0], [1.0, 2.0], [0.0]), "of one length"),
         (([0.0], [[1, 0]]), ([0.0], [-1.0], [0.0]), "row 0 is -1"),
     ],

@@ -8,7 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ._given import numbers, shown
 from .errors import DataError
+from .identity import nobody_knows
+from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, stamp_fault
 from .log import Controls, Floats, Ints, Log, Sightings
 
 _SOURCE = "arrays"
@@ -23,21 +26,26 @@ def log_from_arrays(
     name: str = "arrays",
 ) -> Log:
     """See `Log.from_arrays`."""
-    stamp_s, values = _column("controls: stamp_s", controls[0]), _table("controls: values", controls[1])
+    stamps, table = _parts("controls", controls, ("stamp_s", "values"))
+    stamp_s, values = _stamps("controls", stamps), _table("controls: values", table)
     if len(stamp_s) != len(values):
         raise DataError(f"controls: got {len(stamp_s):,} stamps and {len(values):,} rows of values")
     if np.any(np.diff(stamp_s) <= 0.0):
         row = int(np.flatnonzero(np.diff(stamp_s) <= 0.0)[0]) + 1
         raise DataError(f"controls: stamp_s must grow, but row {row} ({stamp_s[row]:g}) does not")
     names = ("stamp_s", "range_m", "bearing_rad")
-    columns = [_column(f"sightings: {key}", value) for key, value in zip(names, sightings, strict=True)]
-    given = [None] * len(columns[0]) if identities is None else list(identities)
+    seen_stamps, *rest = _parts("sightings", sightings, names)
+    columns = [_stamps("sightings", seen_stamps)]
+    columns += [_column(f"sightings: {key}", value) for key, value in zip(names[1:], rest, strict=True)]
+    given = [None] * len(columns[0]) if identities is None else _listed(identities)
     lengths = {len(column) for column in (*columns, given)}
     if len(lengths) > 1:
         raise DataError(f"sightings: arrays and identities must be of one length, got {sorted(lengths)}")
     if np.any(columns[1] < 0.0):
         row = int(np.flatnonzero(columns[1] < 0.0)[0])
         raise DataError(f"sightings: range_m must not be negative, but row {row} is {columns[1][row]:g}")
+    if np.any(np.abs(columns[2]) > LARGEST_BEARING_RAD):
+        raise DataError(f"sightings: bearing_rad: {DEGREES_HINT}")
     order = np.argsort(columns[0], kind="stable")
     identity, known = _identities(given)
     seen = Sightings(
@@ -49,6 +57,29 @@ def log_from_arrays(
         signature=np.full(len(order), np.nan),
     )
     return Log(name, _SOURCE, "native", Controls(stamp_s, values), seen, known, config=dict(config or {}))
+
+
+def _parts(what: str, given: object, names: tuple[str, ...]) -> list[Any]:
+    """The columns of a tuple. Errors: `DataError` where there are more or fewer than these."""
+    parts = _listed(given)
+    if len(parts) != len(names):
+        raise DataError(f"{what}: got {len(parts)} arrays, expected {', '.join(names)}")
+    return parts
+
+
+def _listed(given: object) -> list[Any]:
+    try:
+        return list(given)  # type: ignore[call-overload, no-any-return]
+    except TypeError:
+        raise DataError(f"got {shown(given)}, expected one value per sighting") from None
+
+
+def _stamps(what: str, values: ArrayLike) -> Floats:
+    stamp_s = _column(f"{what}: stamp_s", values)
+    for row, fault in enumerate(map(stamp_fault, stamp_s.tolist())):
+        if fault is not None:
+            raise DataError(f"{what}: stamp_s: row {row}: {fault}")
+    return stamp_s
 
 
 def _column(name: str, values: ArrayLike) -> Floats:
@@ -63,25 +94,18 @@ def _table(name: str, values: ArrayLike) -> Floats:
 
 
 def _finite(name: str, values: ArrayLike, *, dimensions: int) -> Floats:
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"{name}: not numbers ({error})") from None
+    array = numbers(name, values)
     if array.ndim != dimensions:
         raise DataError(f"{name}: got an array of shape {array.shape}, expected {dimensions} dimension(s)")
-    bad = np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))
+    bad = np.argwhere(~np.isfinite(array))
     if len(bad):
-        raise DataError(f"{name}: row {bad[0]} is not finite")
+        raise DataError(f"{name}: row {bad[0][0]} is not finite")
     return array
 
 
 def _identities(given: Sequence[object]) -> tuple[Ints, tuple[str, ...]]:
-    """Indices and names in the order of appearance; None, NaN and the empty text stand for unknown."""
-    texts = [None if _is_missing(value) else str(value) for value in given]
+    """Indices and names in the order of appearance; None, NaN and `NOBODY_KNOWS` stand for unknown."""
+    texts = [None if value is None or nobody_knows(str(value)) else str(value) for value in given]
     names = tuple(dict.fromkeys(text for text in texts if text is not None))
     index = {name: number for number, name in enumerate(names)}
     return np.array([-1 if text is None else index[text] for text in texts], dtype=np.int64), names
-
-
-def _is_missing(value: object) -> bool:
-    return value is None or value == "" or (isinstance(value, float) and bool(np.isnan(value)))

@@ -12,6 +12,10 @@ class FastSlamError(Exception):
 class ConfigError(FastSlamError):
     """A configuration value is unknown, of the wrong type or out of range."""
 
+    def __init__(self, message: str) -> None:
+        # As below: values and keys may stand in the message.
+        super().__init__(" ".join(message.split()))
+
 
 class DataError(FastSlamError):
     """A file cannot be used. The message starts with the path and, where known, the line."""

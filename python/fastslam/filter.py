@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core
+from ._given import numbers, shown
 from .config import Config
 from .errors import DataError, NumericalError
 from .health import reason_names, status_name
@@ -166,7 +167,7 @@ class FastSlam:
             return Trajectory(*self._filter.best_path())
 
     def _control(self, control: ArrayLike) -> list[float]:
-        given = _column("control", control, np.float64)
+        given = _column("control", control)
         if given.shape != (len(self._control_columns),):
             raise DataError(f"control: got shape {given.shape}, expected {', '.join(self._control_columns)}")
         return [*map(float, given), *(0.0,) * (3 - len(given))]
@@ -182,12 +183,12 @@ class FastSlam:
     ) -> _Scan:
         """The sightings of a call, checked as those of a file are."""
         scan = _Scan(
-            range_m=_column("range_m", range_m, np.float64),
-            bearing_rad=_column("bearing_rad", bearing_rad, np.float64),
+            range_m=_column("range_m", range_m),
+            bearing_rad=_column("bearing_rad", bearing_rad),
             names=None if identity is None else _names(identity),
             covariance=None if covariance is None else _covariances(covariance),
             class_index=None if class_index is None else _classes(class_index),
-            signature=None if signature is None else _column("signature", signature, np.float64),
+            signature=None if signature is None else _column("signature", signature),
         )
         if (np.abs(scan.bearing_rad[np.isfinite(scan.bearing_rad)]) > LARGEST_BEARING_RAD).any():
             raise DataError(f"bearing_rad: {DEGREES_HINT}")
@@ -217,14 +218,20 @@ class FastSlam:
     def _told(
         self, stamp_s: float, scan: _Scan, work: Callable[[_core._ScanColumns], dict[str, Any]]
     ) -> StepInfo:
-        """Gives a scan to the core; names and stamps are kept only where that succeeds."""
+        """Gives a scan to the core; where that refuses it, names and stamps are not kept either."""
         index_of: dict[str, int] = {}
         for name in scan.names or ():
             if name is not None and name not in self._index_of:
                 index_of.setdefault(name, len(self._index_of) + len(index_of))
         columns = scan.columns(ChainMap(index_of, self._index_of))
-        with _core_errors():
-            answer = work(columns)
+        try:
+            with _core_errors():
+                answer = work(columns)
+        except NumericalError:
+            # The map may already hold what the scan named, and the stream goes on after it.
+            self._index_of.update(index_of)
+            self._stamp_s = max(self._stamp_s, stamp_s)
+            raise
         self._index_of.update(index_of)
         self._stamp_s = self._updated_s = stamp_s
         answer["health"] = status_name(answer["health"])
@@ -256,35 +263,32 @@ def _number(name: str, value: float) -> float:
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
-        raise DataError(f"{name}: got {value!r}, expected a number") from None
+        raise DataError(f"{name}: got {shown(value)}, expected a number") from None
 
 
-def _column(name: str, values: ArrayLike, dtype: type[np.float64]) -> Floats:
-    try:
-        column = np.atleast_1d(np.asarray(values, dtype=dtype))
-    except (TypeError, ValueError, OverflowError):
-        raise DataError(f"{name}: expected numbers, got {_shown(values)}") from None
+def _column(name: str, values: ArrayLike) -> Floats:
+    column = np.atleast_1d(numbers(name, values))
     if column.ndim != 1:
         raise DataError(f"{name}: got shape {column.shape}, expected one number per sighting")
     return column
 
 
 def _classes(class_index: ArrayLike) -> Ints:
-    classes = _column("class_index", class_index, np.float64)
+    classes = _column("class_index", class_index)
     if not (
         np.isfinite(classes) & (classes == np.round(classes)) & (classes >= -1) & (classes < 2**32)
     ).all():
         raise DataError(
-            f"class_index: expected whole numbers from 0, or -1 for none, got {_shown(class_index)}"
+            f"class_index: expected whole numbers from 0, or -1 for none, got {shown(class_index)}"
         )
     return classes.astype(np.int64)
 
 
 def _covariances(covariance: ArrayLike) -> Floats:
-    try:
-        rows = np.asarray(covariance, dtype=np.float64).reshape(-1, 3)
-    except (TypeError, ValueError, OverflowError):
-        raise DataError("covariance: expected n x 3 numbers (m², m·rad, rad²)") from None
+    rows = numbers("covariance", covariance)
+    if rows.size % 3:
+        raise DataError("covariance: expected n x 3 numbers (m², m·rad, rad²)")
+    rows = rows.reshape(-1, 3)
     given = ~np.isnan(rows).all(axis=1)
     wrong = given & ~is_definite(rows)
     if wrong.any():
@@ -299,12 +303,7 @@ def _names(identity: Sequence[Identity]) -> tuple[str | None, ...]:
     try:
         return tuple(_name(value) for value in identity)
     except TypeError:
-        raise DataError(f"identity: got {_shown(identity)}, expected one name per sighting") from None
-
-
-def _shown(value: object) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."
+        raise DataError(f"identity: got {shown(identity)}, expected one name per sighting") from None
 
 
 def _name(identity: Identity) -> str | None:
@@ -316,7 +315,7 @@ def _name(identity: Identity) -> str | None:
     number = isinstance(identity, int | np.integer) and not isinstance(identity, bool)
     if isinstance(identity, str) or (number and int(identity) >= 0):
         return str(identity)
-    raise DataError(f"identity: got {identity!r}, expected a name, a number from 0, or None for unknown")
+    raise DataError(f"identity: got {shown(identity)}, expected a name, a number from 0, or None for unknown")
 
 
 def landmark_map(

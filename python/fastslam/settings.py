@@ -6,7 +6,7 @@ import json
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -233,7 +233,7 @@ def _refuse_unwritable(value: Any, key: str = "") -> None:
             if not isinstance(name, str):
                 raise ConfigError(f"{key or 'settings'}: keys must be text, got {name!r}")
             _refuse_unwritable(child, f"{key}.{name}" if key else name)
-    elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
+    elif isinstance(value, list | tuple):
         for child in value:
             _refuse_unwritable(child, key)
     elif isinstance(value, float) and not math.isfinite(value):

@@ -165,8 +165,8 @@ impl ScanConfig {
 impl LaserConfig {
     fn validate(&self) -> Result<()> {
         let least_step_rad = 1e-5;
-        if !(self.angle_step_rad >= least_step_rad && self.angle_step_rad.is_finite()) {
-            return Err(Error::parameter("angle_step_rad", self.angle_step_rad, format!("{least_step_rad} or more")));
+        if !(least_step_rad..=std::f64::consts::PI).contains(&self.angle_step_rad) {
+            return Err(Error::parameter("angle_step_rad", self.angle_step_rad, format!("{least_step_rad} to π")));
         }
         non_negative("range_std_m", self.range_std_m)?;
         probability("dropout_probability", self.dropout_probability)?;

@@ -27,6 +27,7 @@ from ..log import (
 )
 from .clean import clean_controls, no_sightings
 from .csv_table import read_csv
+from .matlab import read_matrices
 from .options import LoadOptions
 
 DEFAULT_RUN = 3
@@ -126,21 +127,15 @@ def _posts(path: Path) -> TruthLandmarks | None:
         if name not in table.index_of:
             raise DataError(f"the column {name} is missing", path, 1)
     names = tuple(name.strip() for name in table.texts("post"))
-    positions = np.column_stack([table.numbers("east_m"), table.numbers("north_m")])
+    positions = np.column_stack([table.finite_numbers("east_m"), table.finite_numbers("north_m")])
     return TruthLandmarks(names, positions, complete=False)
 
 
 def _variable(path: Path, name: str, *, columns: int) -> NDArray[Any]:
     """A matrix of a MATLAB file. Errors: DataError where file or matrix are missing or of another width."""
-    import scipy.io
-
     if not path.is_file():
         raise DataError("the file is missing", path)
-    try:
-        content = scipy.io.loadmat(path, variable_names=[name])
-    except Exception as error:  # the reader raises errors of any kind for a damaged file
-        reason = " ".join(str(error).split())
-        raise DataError(f"is no readable MATLAB file ({reason})", path) from error
+    content = read_matrices(path, [name])
     if name not in content:
         raise DataError(f"the matrix {name} is missing", path)
     matrix: NDArray[Any] = content[name]

@@ -74,6 +74,21 @@ class CsvTable:
                 raise self._no_number(name, texts)
         return values if factor == 1.0 else values * factor
 
+    def finite_numbers(self, name: str) -> Floats:
+        """As `numbers`. Errors: DataError with the line of a field that is no finite number."""
+        values = self.numbers(name)
+        self.check_finite(name, values)
+        return values
+
+    def check_finite(self, name: str, values: Floats) -> None:
+        """Refuses NaN and infinities in a column, by the line."""
+        bad = ~np.isfinite(values)
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise DataError(
+                f"{name}: got {values[row]}, expected a finite number", self.path, self.lines[row]
+            )
+
     def _no_number(self, name: str, texts: Sequence[str]) -> DataError:
         commas = not any("." in text for text in texts)
         readable = ((is_number(_with_point(text) if commas else text)) for text in texts)

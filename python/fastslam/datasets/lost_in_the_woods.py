@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import DataError
 from ..log import Controls, Floats, Log, Problem, Sightings, TruthLandmarks, TruthTrajectory
 from .clean import clean_controls, clean_sightings
+from .matlab import names_in, read_matrices
 from .options import LoadOptions
 
 DEFAULT_MAX_RANGE_M = 5.6
@@ -44,7 +45,7 @@ def load(path: Path, options: LoadOptions) -> Log:
     cleaned, sighting_problems = clean_sightings(sightings, path=candidates[0])
     names = tuple(str(number) for number in range(1, data["l"].shape[0] + 1))
     dropped = Problem(f"sightings beyond {max_range_m:g} m: dropped", too_far)
-    truth = _truth_trajectory(data)
+    truth = _truth_trajectory(data, candidates[0])
     return Log(
         name="lost_in_the_woods",
         source=str(path),
@@ -61,26 +62,14 @@ def load(path: Path, options: LoadOptions) -> Log:
 
 def _candidates(path: Path) -> list[Path]:
     files = [path] if path.is_file() else sorted(path.glob("*.mat"))
-    return [file for file in files if file.suffix == ".mat" and _variables(file) >= VARIABLES]
-
-
-def _variables(file: Path) -> frozenset[str]:
-    import scipy.io
-
-    try:
-        return frozenset(name for name, _, _ in scipy.io.whosmat(file))
-    except Exception:  # SciPy raises errors of a dozen kinds for files that are no MATLAB files
-        return frozenset()
+    return [file for file in files if file.suffix == ".mat" and names_in(file) >= VARIABLES]
 
 
 def _read_mat(path: Path) -> dict[str, Any]:
-    import scipy.io
-
-    try:
-        data: dict[str, Any] = scipy.io.loadmat(path)
-    except Exception as error:  # as above: any kind, for a damaged file
-        reason = " ".join(str(error).split())
-        raise DataError(f"the MATLAB file is damaged or cut off ({reason})", path) from error
+    data = read_matrices(path, VARIABLES)
+    missing = VARIABLES - set(data)
+    if missing or data["r"].ndim != 2:
+        raise DataError(f"holds no matrix {', '.join(sorted(missing)) or 'r'}", path)
     rows, tubes = data["r"].shape
     shapes = {name: (rows, 1) for name in ("t", "v", "om", *_TRUTH[1:])}
     shapes |= {name: (1, 1) for name in ("d", *_VARIANCES)}
@@ -88,8 +77,8 @@ def _read_mat(path: Path) -> dict[str, Any]:
     for name, shape in shapes.items():
         if data[name].shape != shape:
             raise DataError(f"variable {name}: got shape {data[name].shape}, expected {shape}", path)
-    if not np.any(data["true_valid"] == 1):
-        raise DataError("no row of true_valid is 1", path)
+    if not np.isfinite(data["l"]).all():
+        raise DataError("variable l: got NaN or infinite positions of tubes", path)
     return data
 
 
@@ -119,9 +108,11 @@ def _sightings(data: dict[str, Any], max_range_m: float) -> tuple[Sightings, int
     return sightings, int(seen.sum() - near.sum())
 
 
-def _truth_trajectory(data: dict[str, Any]) -> TruthTrajectory:
+def _truth_trajectory(data: dict[str, Any], path: Path) -> TruthTrajectory:
     poses = np.column_stack([data[name].ravel() for name in ("x_true", "y_true", "th_true")])
-    valid = data["true_valid"].ravel() == 1
+    valid = (data["true_valid"].ravel() == 1) & np.isfinite(poses).all(axis=1)
+    if not valid.any():
+        raise DataError("no row of true_valid is 1", path)
     return TruthTrajectory(_stamps(data)[valid], poses[valid].astype(np.float64))
 
 

@@ -61,11 +61,22 @@ def read_settings(path: Path) -> LogSettings:
     complete = settings.get("truth_landmarks_complete", True)
     if not isinstance(complete, bool):
         raise DataError("truth_landmarks_complete: expected true or false", path)
-    config = {key: _in_si(settings[key], key, path, line_of_key) for key in CONFIG_KEYS if key in settings}
+    config = {
+        key: _in_si(_section(settings, key, path, line_of_key), key, path, line_of_key)
+        for key in CONFIG_KEYS
+        if key in settings
+    }
     notes = _without_noise(config)
     wheels = parse_wheels(settings.get("wheels", {}), path, line_of_key)
     name = settings.get("name")
     return LogSettings(config, wheels, None if name is None else str(name), complete, notes)
+
+
+def _section(settings: dict[str, Any], key: str, path: Path, line_of_key: dict[str, int]) -> dict[str, Any]:
+    section = settings[key]
+    if not isinstance(section, dict):
+        raise DataError(f"{key}: got {section}, expected a section", path, line_of_key.get(key))
+    return section
 
 
 def _check_model(settings: dict[str, Any], key: str, known: tuple[str, ...], path: Path) -> None:
@@ -97,8 +108,10 @@ def _in_si(value: Any, name: str, path: Path, line_of_key: dict[str, int]) -> An
         return value
     converted: dict[str, Any] = {}
     for key, item in value.items():
-        si_name, factor = _si_name(str(key))
         line = line_of_key.get(f"{name}.{key}")
+        if not isinstance(key, str):
+            raise DataError(f"{name}: got the key {key}, expected a name", path, line)
+        si_name, factor = _si_name(key)
         if si_name in converted or (si_name != key and si_name in value):
             raise DataError(f"{name}.{key}: {si_name} is given too, remove one", path, line)
         if factor == 1.0:

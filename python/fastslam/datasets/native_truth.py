@@ -64,7 +64,7 @@ def read_fixes(path: Path | None) -> PositionFixes | None:
         return None
     table = _table(path, FIXES)
     stamp_s = table.stamps("stamp_s")
-    _check_finite(table, "stamp_s", stamp_s)
+    table.check_finite("stamp_s", stamp_s)
     return PositionFixes(stamp_s, _finite_positions(table))
 
 
@@ -80,17 +80,4 @@ def _table(path: Path, known: tuple[Quantity, ...]) -> CsvTable:
 
 
 def _finite_positions(table: CsvTable) -> Floats:
-    return np.column_stack([_finite(table, "x_m"), _finite(table, "y_m")])
-
-
-def _finite(table: CsvTable, name: str) -> Floats:
-    values = table.numbers(name)
-    _check_finite(table, name, values)
-    return values
-
-
-def _check_finite(table: CsvTable, name: str, values: Floats) -> None:
-    bad = ~np.isfinite(values)
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise DataError(f"{name}: got {values[row]}, expected a finite number", table.path, table.lines[row])
+    return np.column_stack([table.finite_numbers("x_m"), table.finite_numbers("y_m")])

@@ -22,6 +22,8 @@ _MARKS = (
     (b"\xef\xbb\xbf", "utf-8-sig"),
 )
 _HEAD_BYTES = 4096
+LARGEST_WHOLE = 2.0**53
+"""From here on a float is not the one whole number that was written."""
 CUT_OFF_HINT = " (the last line has no line end: the file seems cut off)"
 
 
@@ -125,12 +127,20 @@ def line_of_row(path: Path, row: int, *, header_lines: int = 0) -> int:
 
 def whole_numbers(path: Path, column: Floats) -> Ints:
     """A column of `read_table` as integers. Errors: DataError with the line of the first that is none."""
-    whole = np.isfinite(column) & (column == np.round(column))
+    whole = (np.abs(column) < LARGEST_WHOLE) & (column == np.round(column))
     if not whole.all():
         row = int(np.argmin(whole))
         message = f"got '{column[row]:g}', expected a whole number"
         raise DataError(message, path, line_of_row(path, row))
     return column.astype(np.int64)
+
+
+def refuse_not_finite(path: Path, table: Floats) -> None:
+    """Refuses NaN and infinities in a table of `read_table`. Errors: DataError with the line of the first."""
+    bad = ~np.isfinite(table).all(axis=1)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise DataError("got NaN or infinite values, expected numbers", path, line_of_row(path, row))
 
 
 def _first_fault(path: Path, text: str, columns: int, delimiter: str | None, header_lines: int) -> DataError:

@@ -28,7 +28,7 @@ from ..log import Floats, Ints, Log, Problem, Sightings, TruthLandmarks, TruthTr
 from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
 from .planar import wrap_to_pi
-from .text import find_file, read_table, whole_numbers
+from .text import find_file, read_table, refuse_not_finite, whole_numbers
 from .utias_files import RobotFiles, files_of_robot, holds_data_set
 
 AVERAGES = "third_party_groundtruth_1hz"
@@ -74,6 +74,7 @@ def load(path: Path, options: LoadOptions) -> Log:
     """Read one robot (1 unless given). Errors: DataError for a robot that is not there or a faulty file."""
     files = files_of_robot(path, options.robot)
     landmarks = read_table(files.landmarks, 5)
+    refuse_not_finite(files.landmarks, landmarks[:, :3])
     subjects = whole_numbers(files.landmarks, landmarks[:, 0]).tolist()
     odometry = read_table(files.odometry, 3)
     controls, control_problems = clean_controls(odometry[:, 0], odometry[:, 1:], path=files.odometry)

@@ -67,7 +67,8 @@ pub trait MotionModel {
 /// belongs to the row, however long it lasts.
 pub(crate) fn white_noise_std(std: f64, period_s: Option<f64>, dt_s: f64) -> f64 {
     match period_s {
-        Some(period_s) if dt_s > 0.0 => std * (period_s / dt_s).sqrt(),
+        // Squares of what a shorter time would make of it are no numbers.
+        Some(period_s) if dt_s > 0.0 => std * (period_s / dt_s.max(1e-30)).sqrt(),
         _ => std,
     }
 }
