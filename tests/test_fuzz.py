@@ -80,13 +80,10 @@ PLANTED = {
     70: (3, "FaultError at case.py:"),
     71: (4, "KeyError at test_fuzz.py:"),
     150: (5, "MemoryError at test_fuzz.py:"),
-    160: (2, "waits for ever"),
 }
 
 
-def test_what_is_planted_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fuzz.watch.LONGEST_WAIT_S", 12.0)
-
+def test_what_is_planted_is_found(tmp_path: Path) -> None:
     def plant(rng: Random) -> Planted:
         # The case is told from its number by the state of its generator.
         return Planted(PLANTED[number][0] if (number := number_of[rng.random()]) in PLANTED else 99)
@@ -102,6 +99,12 @@ def test_what_is_planted_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     saved = save(outcome.faults[0], "planted", 3, Planted(0), tmp_path)
     assert (saved / "input" / "what.txt").read_text() == "0"
     assert "python -m tests.fuzz --replay planted:3:17" in (saved / "fault.txt").read_text()
+
+
+def test_a_case_that_waits_for_ever_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fuzz.watch.LONGEST_WAIT_S", 5.0)
+    outcome = watch(lambda _: Planted(2), "planted", seed=3, enough=lambda done: done.cases >= 1)
+    assert [(fault.number, fault.title) for fault in outcome.faults] == [(0, "waits for ever")]
 
 
 def test_the_program_prints_counts_and_replays(tmp_path: Path) -> None:
