@@ -70,6 +70,7 @@ def render_report(
     page = resources.files("fastslam").joinpath("report_page.html").read_text(encoding="utf-8")
     return Template(page).substitute(
         title=escape(f"{log.name}: map and path"),
+        style=page_style(),
         version=escape(result.version),
         facts=_facts(result, log),
         verdict=_verdict(result),
@@ -83,6 +84,11 @@ def render_report(
         problems=_problems(result, log),
         config=escape(config_yaml(result)),
     )
+
+
+def page_style() -> str:
+    """The style sheet that all pages share."""
+    return resources.files("fastslam").joinpath("page_style.css").read_text(encoding="utf-8")
 
 
 def _facts(result: RunResult, log: Log) -> str:
@@ -148,7 +154,7 @@ def _figures(result: RunResult, log: Log, found: Evaluation) -> dict[str, str]:
 
     blocks = {}
     for name, figure in make_figures(result, log, evaluation=found).items():
-        svg = _themed(render(figure, "svg").decode(), name)
+        svg = themed_svg(render(figure, "svg").decode(), name)
         if name == "map":
             svg = svg.replace("</svg>", f"{hover_layer(figure, result.landmarks)}</svg>")
         blocks[name] = f"<figure>{svg}<figcaption>{_CAPTIONS[name]}</figcaption></figure>"
@@ -159,7 +165,7 @@ _DECIMALS = re.compile(r"(\.\d\d)\d+")
 """What the outline of a mark does not need: a hundredth of a point is enough."""
 
 
-def _themed(svg: str, name: str) -> str:
+def themed_svg(svg: str, name: str) -> str:
     """SVG ready to stand in the page: its greys follow the page's theme, its ids are its own, it is short."""
     from .plots import style
 

@@ -8,6 +8,7 @@ import typer
 
 from .. import __version__
 from .calibrate import calibrate_sensor
+from .compare import compare_results
 from .config import app as config_app
 from .convert import convert_log
 from .datasets import app as datasets_app
@@ -36,6 +37,7 @@ app.command("demo", short_help="Simulate a world, run the filter, write a report
 app.command("run", short_help="Run the filter over a log: map, path, numbers, report.")(run_log)
 app.command("simulate", short_help="Simulate a drive and write it as a log with truth.")(simulate_log)
 app.command("eval", short_help="Score results against the truth of their log.")(evaluate_results)
+app.command("compare", short_help="Lay several results over each other on one page.")(compare_results)
 app.command("detect", short_help="Detect landmarks in the laser scans of a log.")(detect_landmarks)
 app.command("calibrate", short_help="Estimate noise and mounting of the sensor.")(calibrate_sensor)
 app.command("info", short_help="Say what is in a log.")(info)

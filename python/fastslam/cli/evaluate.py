@@ -56,12 +56,10 @@ def evaluate_results(
     if runs is not None:
         if len(results) != 1:
             raise typer.BadParameter(f"--runs takes one results folder, got {len(results)}")
-        log = _log_of(results[0], truth, format, robot, run)
+        log = log_of(results[0], truth, format, robot, run)
         _show_consistency(results[0], log, runs, json=json, out=out or results[0])
         return
-    metrics = [
-        evaluate(read_result(folder), _log_of(folder, truth, format, robot, run)) for folder in results
-    ]
+    metrics = [evaluate(read_result(folder), log_of(folder, truth, format, robot, run)) for folder in results]
     if json:
         typer.echo(as_document(to_json(metrics[0] if len(metrics) == 1 else metrics)), nl=False)
     elif len(metrics) == 1:
@@ -70,7 +68,7 @@ def evaluate_results(
         stdout().print(summary_table(f"{len(results)} results", metrics))
 
 
-def _log_of(folder: Path, truth: Path | None, format: str | None, robot: int | None, run: int | None) -> Log:
+def log_of(folder: Path, truth: Path | None, format: str | None, robot: int | None, run: int | None) -> Log:
     from ..datasets.registry import load
 
     if truth is not None:

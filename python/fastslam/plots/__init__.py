@@ -1,5 +1,6 @@
 """Figures of a run. Importing this imports Matplotlib; nothing else in the package does."""
 
+from .comparison import comparison_figure
 from .consistency import consistency_figure, plot_coverage, plot_nees
 from .figures import make_figures, render, write_figures
 from .health import plot_health, plot_innovations
@@ -8,6 +9,7 @@ from .over_time import plot_effective_sample_size, plot_error_over_time, plot_la
 from .style import house_style, new_figure
 
 __all__ = [
+    "comparison_figure",
     "consistency_figure",
     "house_style",
     "make_figures",
