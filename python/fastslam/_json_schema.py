@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 Node = Mapping[str, Any]
@@ -130,12 +130,30 @@ def _keys_of_kinds(root: Node, kinds: list[Node], defaults: Any, walk: _Walk) ->
     about = " ".join(f"{name}: {_text(kind)}" for name, kind in zip(names, kinds, strict=True))
     dotted = ".".join((*walk.path, discriminator))
     yield KeyInfo(dotted, " | ".join(names), default, about, walk.only_for, walk.texts)
+    found: list[tuple[str, KeyInfo]] = []
     for name, kind in zip(names, kinds, strict=True):
         only = _Walk(walk.path, f"{discriminator} = {name}", walk.texts)
         known = defaults if name == default else None
         for child_name, child in _in_order(kind, known):
             if child_name != discriminator:
-                yield from _keys_of_child(root, (child_name, child), known, only)
+                found += [(name, info) for info in _keys_of_child(root, (child_name, child), known, only)]
+    yield from _shared(found, discriminator, len(kinds), walk.only_for)
+
+
+def _shared(
+    found: list[tuple[str, KeyInfo]], discriminator: str, kinds: int, only_for: str
+) -> Iterator[KeyInfo]:
+    """What several kinds have in common once, without a limit where all have it."""
+    groups: dict[str, list[tuple[str, KeyInfo]]] = {}
+    for name, info in found:
+        alike = repr((info.name, info.type, info.default, info.description))
+        groups.setdefault(alike, []).append((name, info))
+    for group in groups.values():
+        names = [name for name, _ in group]
+        if len(names) == kinds:
+            yield replace(group[0][1], only_for=only_for)
+        else:
+            yield replace(group[0][1], only_for=f"{discriminator} = {' | '.join(names)}")
 
 
 def _keys_of_child(root: Node, child: tuple[str, Node], defaults: Any, walk: _Walk) -> Iterator[KeyInfo]:

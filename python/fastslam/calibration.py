@@ -262,6 +262,21 @@ def _noise_density(controls: Controls, motion: dict[str, Any], twists: Floats) -
     """Standard deviations ahead, left and of the turn per square root of a second, row by row (C, 3)."""
     period_s = np.diff(controls.stamp_s, append=controls.stamp_s[-1:])
     period_s[-1] = np.median(period_s) if len(period_s) > 1 else 1.0
+    constant = _constant_density(controls, motion, twists, period_s)
+    part, turn_rad_per_s = motion["proportional"], np.abs(twists[:, 2])
+    speed_m_per_s = np.hypot(twists[:, 0], twists[:, 1])
+    turning = part["turn_std_rad_per_sqrt_m"] ** 2 * speed_m_per_s
+    growing = [
+        part["distance_std_m_per_sqrt_m"] ** 2 * speed_m_per_s,
+        part["lateral_std_m_per_sqrt_m"] ** 2 * speed_m_per_s,
+        turning + part["turn_std_rad_per_sqrt_rad"] ** 2 * turn_rad_per_s,
+    ]
+    density: Floats = np.sqrt(constant**2 + np.column_stack(growing))
+    return density
+
+
+def _constant_density(controls: Controls, motion: dict[str, Any], twists: Floats, period_s: Floats) -> Floats:
+    """The part of `_noise_density` that is not in proportion to the motion."""
     if motion["model"] == "increments":
         stds = [motion["x_std_m"], motion["y_std_m"], motion["heading_std_rad"]]
         return np.array(stds) / np.sqrt(period_s)[:, None]
@@ -275,8 +290,9 @@ def _noise_density(controls: Controls, motion: dict[str, Any], twists: Floats) -
     if motion["model"] == "velocity":
         return np.column_stack([speed, slip, motion["yaw_rate_std_rad_per_s"] * root])
     # The turn of a car is speed / wheelbase * tan(steering).
-    by_steering = np.abs(twists[:, 0]) / motion["wheelbase_m"] / np.cos(controls.values[:, 1]) ** 2
-    by_speed = np.abs(np.tan(controls.values[:, 1])) / motion["wheelbase_m"]
+    steering = controls.values[:, 1] * motion["steering_gain"] + motion["steering_bias_rad"]
+    by_steering = np.abs(twists[:, 0]) / motion["wheelbase_m"] / np.cos(steering) ** 2
+    by_speed = np.abs(np.tan(steering)) / motion["wheelbase_m"]
     turn = np.hypot(by_steering * motion["steering_std_rad"] * root, by_speed * speed)
     return np.column_stack([speed, np.hypot(slip, motion["sensor_ahead_m"] * turn), turn])
 

@@ -143,21 +143,28 @@ def sensor_twists(log: Log) -> Floats | None:
 
 
 def robot_twists(controls: Controls, motion: dict[str, Any]) -> Floats:
-    """Velocity of the robot from each control until the next. Shapes: (C, 3) as in `sensor_twists`.
+    """Velocity of the robot from each control until the next, gains and biases of `motion` applied.
 
-    Errors: ConfigError for a motion model that is not known.
+    Shapes: (C, 3) as in `sensor_twists`. Errors: ConfigError for a motion model that is not known.
     """
     values, model = controls.values, motion.get("model")
+    correction = motion.get("correction", {})
+    distance_gain, turn_gain = correction.get("distance_gain", 1.0), correction.get("turn_gain", 1.0)
+    gains, bias = np.array([distance_gain, distance_gain, turn_gain]), np.zeros(3)
+    bias[2] = correction.get("yaw_rate_bias_rad_per_s", 0.0)
     if model == "velocity":
-        return np.column_stack([values[:, 0], np.zeros(len(values)), values[:, 1]])
+        twists: Floats = np.column_stack([values[:, 0], 0 * values[:, 0], values[:, 1]]) * gains + bias
+        return twists
     if model == "ackermann":
         length_m, encoder_m = motion["wheelbase_m"], motion["encoder_left_m"]
-        center_m_per_s = values[:, 0] / (1 - np.tan(values[:, 1]) * encoder_m / length_m)
-        turn = center_m_per_s / length_m * np.tan(values[:, 1])
+        steering = values[:, 1] * motion.get("steering_gain", 1.0) + motion.get("steering_bias_rad", 0.0)
+        center_m_per_s = distance_gain * values[:, 0] / (1 - np.tan(steering) * encoder_m / length_m)
+        turn = center_m_per_s / length_m * np.tan(steering) * turn_gain + bias[2]
         ahead_m, left_m = motion["sensor_ahead_m"], motion["sensor_left_m"]
         return np.column_stack([center_m_per_s - turn * left_m, turn * ahead_m, turn])
     if model in ("odometry", "increments"):
         # Row i leads from stamp i - 1 to stamp i, so what holds from a stamp on is in the next row.
         period_s = np.diff(controls.stamp_s)[:, None]
-        return np.vstack([values[1:] / period_s, values[-1:] * 0]) if len(values) > 1 else values * 0
+        moving = values[1:] / period_s * gains + bias
+        return np.vstack([moving, values[-1:] * 0]) if len(values) > 1 else values * 0
     raise ConfigError(f"motion.model: got {model}, expected velocity, ackermann, odometry or increments")

@@ -12,6 +12,7 @@ use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::geometry::Symmetric2;
 use fastslam_core::landmark::{column, correct_rows, Measured, SensorPoses, Tail};
 use fastslam_core::measurement::{MeasurementModel, RangeBearing};
+use fastslam_core::motion::{Motion, Velocity};
 use fastslam_core::store::RowsMut;
 use fastslam_core::vector::Level;
 use std::collections::BTreeMap;
@@ -72,6 +73,7 @@ fn step(algorithm: Algorithm, identities: Identities, repetitions: u32) {
     let mut config = Config { algorithm, seed: 1, ..Config::default() };
     config.filter.particles = PARTICLES as u32;
     config.sensor.max_range_m = 100.0;
+    config.motion = Motion::Velocity(Velocity { noise_period_s: Some(0.1), ..Velocity::default() });
     let mut filter = FastSlam::new(config, identities).expect("a valid configuration");
     let sighting = |n: u32| {
         let (ring, place) = (n / 16, n % 16);

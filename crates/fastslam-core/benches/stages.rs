@@ -96,7 +96,7 @@ fn steps(c: &mut Criterion) {
 
 fn motion_sampling(c: &mut Criterion) {
     let mut group = c.benchmark_group("motion sampling");
-    let motion = Motion::default();
+    let motion = Motion::default().row([1.0, 0.1, 0.0], 0.1).part(1.0);
     for m in PARTICLES {
         let zero = vec![0.0; m as usize];
         let (mut x, mut y, mut heading) = (zero.clone(), zero.clone(), zero);
@@ -107,7 +107,7 @@ fn motion_sampling(c: &mut Criterion) {
                 step += 1;
                 let stream = RandomSource::new(1).stream(Purpose::Motion, step);
                 let poses = PoseColumns { first_particle: 0, x: &mut x, y: &mut y, heading: &mut heading };
-                motion.sample([1.0, 0.1, 0.0], 0.1, stream, poses);
+                motion.sample(stream, poses);
             });
         });
     }

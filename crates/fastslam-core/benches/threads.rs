@@ -112,7 +112,7 @@ fn pass(config: &Config, log: &LogData) -> Vec<Step> {
 
 fn step(filter: &mut FastSlam, event: Event, sightings: &[Sighting]) {
     match event {
-        Event::Control(control, dt_s) => filter.predict(control, dt_s).expect("a valid control"),
+        Event::Control(part) => filter.advance(&part).expect("a valid control"),
         Event::Step { stamp_s, first, end } => {
             filter.update(stamp_s, &sightings[first..end]).expect("explained sightings");
         }

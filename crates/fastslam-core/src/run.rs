@@ -69,7 +69,7 @@ pub fn run(config: &Config, log: &LogData, observer: &mut dyn Observer) -> Resul
     let mut started_s = observer.now_s();
     for event in timeline {
         match event {
-            Event::Control(control, dt_s) => filter.predict(control, dt_s)?,
+            Event::Control(part) => filter.advance(&part)?,
             Event::Step { stamp_s, first, end } => {
                 let motion = filter.pending_motion().mean;
                 let info = filter.update(stamp_s, &log.sightings[first..end])?;

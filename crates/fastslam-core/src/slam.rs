@@ -7,13 +7,17 @@ use crate::error::Result;
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::measurement::MeasurementModel;
-use crate::motion::MotionGaussian;
+use crate::motion::{MotionGaussian, RowPart};
 use crate::store::StoreUsage;
 
 /// A SLAM filter: controls and sightings in, pose, path and map out.
 pub trait Slam: Send + Sync {
-    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`.
-    fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()>;
+    /// Moves the robot by a row of odometry, or a part of it.
+    fn advance(&mut self, part: &RowPart) -> Result<()>;
+    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`: a whole row.
+    fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
+        self.advance(&RowPart::whole(control, dt_s))
+    }
     /// Processes all sightings of one stamp (there may be none).
     fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo>;
     /// Ends a log: what the filter can still learn from the whole of it. Returns whether anything changed.
@@ -47,8 +51,8 @@ pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
 }
 
 impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
-    fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
-        FastSlam::predict(self, control, dt_s)
+    fn advance(&mut self, part: &RowPart) -> Result<()> {
+        FastSlam::advance(self, part)
     }
     fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         FastSlam::update(self, stamp_s, sightings)
@@ -88,8 +92,8 @@ impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
 }
 
 impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
-    fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
-        EkfSlam::predict(self, control, dt_s)
+    fn advance(&mut self, part: &RowPart) -> Result<()> {
+        EkfSlam::advance(self, part)
     }
     fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         EkfSlam::update(self, stamp_s, sightings)

@@ -4,9 +4,9 @@
 
 use crate::geometry::Pose;
 use crate::measurement::MeasurementModel;
-use crate::motion::{ControlTiming, MotionModel};
+use crate::motion::{ControlTiming, MotionGaussian, MotionModel, RowMotion};
 use crate::random::{Purpose, RandomSource};
-use crate::real::{Dual, Real};
+use crate::real::Real;
 
 /// A failed conformance check: what was compared, and where.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,56 +75,59 @@ fn check_linearization<M: MeasurementModel>(model: &M, pose: Pose, landmark: [f6
     expect(agreement.iter().all(|v| v.abs() < 1e-12), || format!("linearize and expected differ by {agreement:?}"))
 }
 
-/// Checks a motion model on generic controls, at rest and at tiny turns.
+/// Checks a motion model on generic controls, at rest, backwards, at tiny turns and in rows without duration.
 ///
-/// - its Jacobian by automatic differentiation agrees with differences;
-/// - a held control split in two moves as far as the whole; an increment's mean motion is the displacement itself;
-/// - the conditioned noise is finite and not negative.
+/// - its parts make the row, wherever it is cut: mean and covariance to rounding;
+/// - its diffusion is finite, symmetric and not negative in any direction;
+/// - a row without duration moves a held control nowhere.
 pub fn check_motion_model<M: MotionModel>(model: &M) -> Result<usize, Nonconformance> {
     model.validate().map_err(|e| Nonconformance(e.to_string()))?;
     let cases = 300;
     for case in 0..cases {
         let scale = [1.0, 1e-8, 0.0][case as usize % 3];
         let control = [draw(case, 1, -2.0, 3.0), draw(case, 2, -0.7, 0.7) * scale, draw(case, 3, -1.0, 1.0) * scale];
-        let dt_s = draw(case, 4, 0.01, 0.5);
-        let conditioned = model.condition(control, dt_s);
-        expect(conditioned.std.iter().all(|s| s.is_finite() && *s >= 0.0), || {
-            format!("noise of {control:?} is {:?}", conditioned.std)
-        })?;
-        check_motion_jacobian(model, conditioned.mean, dt_s)?;
-        let whole = model.relative_motion(conditioned.mean, dt_s);
-        let other = match model.timing() {
-            ControlTiming::Held => {
-                let part = model.relative_motion(conditioned.mean, 0.5 * dt_s);
-                part.compose(part)
-            }
-            ControlTiming::Increment => Pose::new(control[0], control[1], control[2]),
-        };
-        let gap =
-            (whole.x - other.x).abs() + (whole.y - other.y).abs() + (whole.heading - other.heading).wrap_angle().abs();
-        expect(gap < 1e-9, || format!("control {control:?}: {whole:?} against {other:?}"))?;
+        let row_s = if case % 10 == 0 { 0.0 } else { draw(case, 4, 0.01, 1.5) };
+        let row = model.row(control, row_s);
+        check_diffusion(&row).map_err(|e| Nonconformance(format!("control {control:?} for {row_s} s: {}", e.0)))?;
+        let nowhere = row_s > 0.0 || model.timing() == ControlTiming::Increment || row.twist == [0.0; 3];
+        expect(nowhere, || format!("control {control:?} moves by {:?} in no time", row.twist))?;
+        let cuts = [draw(case, 5, 0.0, 1.0), draw(case, 6, 0.0, 1.0), draw(case, 7, 0.0, 1e-3)];
+        check_cutting(&row, &cuts)?;
     }
     Ok(cases as usize)
 }
 
-fn check_motion_jacobian<M: MotionModel>(model: &M, control: [f64; 3], dt_s: f64) -> Result<(), Nonconformance> {
-    let dual: Pose<Dual<3>> = model.relative_motion(std::array::from_fn(|i| Dual::variable(control[i], i)), dt_s);
-    let h = 1e-6;
-    for index in 0..3 {
-        let moved = |by: f64| {
-            let mut c = control;
-            c[index] += by;
-            model.relative_motion(c, dt_s).to_array()
-        };
-        let (plus, minus) = (moved(h), moved(-h));
-        for (row, component) in [dual.x, dual.y, dual.heading].into_iter().enumerate() {
-            let difference = (plus[row] - minus[row]) / (2.0 * h);
-            expect((component.gradient[index] - difference).abs() < 1e-6 * (1.0 + difference.abs()), || {
-                format!(
-                    "derivative of component {row} by control {index} at {control:?}: {} against {difference}",
-                    component.gradient[index]
-                )
-            })?;
+fn check_diffusion(row: &RowMotion) -> Result<(), Nonconformance> {
+    let c = &row.diffusion();
+    let finite = row.twist.iter().chain(c.iter().flatten()).all(|v| v.is_finite());
+    let symmetric = (0..3).all(|i| (0..i).all(|j| c[i][j] == c[j][i]));
+    // All minors of a symmetric matrix without a negative direction; rounding is in proportion to its entries.
+    let minor = |i: usize, j: usize| c[i][i] * c[j][j] - c[i][j] * c[i][j] >= -1e-12 * c[i][i] * c[j][j];
+    let determinant = c[0][0] * (c[1][1] * c[2][2] - c[1][2] * c[1][2])
+        - c[0][1] * (c[0][1] * c[2][2] - c[1][2] * c[0][2])
+        + c[0][2] * (c[0][1] * c[1][2] - c[1][1] * c[0][2]);
+    let whole = determinant >= -1e-12 * c[0][0] * c[1][1] * c[2][2];
+    let definite = (0..3).all(|i| c[i][i] >= 0.0) && minor(0, 1) && minor(0, 2) && minor(1, 2) && whole;
+    expect(finite && symmetric && definite, || format!("{c:?} is no covariance"))
+}
+
+/// Cuts a row at some shares of it and compares what the parts make with the whole.
+pub fn check_cutting(row: &RowMotion, cuts: &[f64]) -> Result<(), Nonconformance> {
+    let mut cuts: Vec<f64> = cuts.iter().copied().chain([0.0, 1.0]).collect();
+    cuts.sort_by(f64::total_cmp);
+    let parts = cuts.windows(2).map(|cut| row.part(cut[1] - cut[0]));
+    let made = parts.fold(MotionGaussian::default(), |sum, part| sum.then(&part));
+    let whole = row.part(1.0);
+    let way = 1.0 + row.twist[0].hypot(row.twist[1]);
+    let turned = (whole.mean.heading - made.mean.heading).wrap_angle().abs();
+    let apart = (whole.mean.x - made.mean.x).abs() + (whole.mean.y - made.mean.y).abs() + turned;
+    expect(apart < 1e-13 * way, || format!("{row:?} cut at {cuts:?}: {made:?} against {whole:?}"))?;
+    let c = &row.diffusion();
+    let largest = c[0][0] + c[1][1] + c[2][2] * way * way;
+    for i in 0..3 {
+        for j in 0..3 {
+            let apart = (whole.covariance[i][j] - made.covariance[i][j]).abs();
+            expect(apart <= 1e-13 * largest, || format!("{row:?} cut at {cuts:?}: {made:?} against {whole:?}"))?;
         }
     }
     Ok(())

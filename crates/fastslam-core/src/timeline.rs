@@ -2,8 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::filter::Sighting;
-use crate::geometry::Pose;
-use crate::motion::ControlTiming;
+use crate::motion::{ControlTiming, RowPart};
 
 /// A log as the filter reads it. All stamps in seconds.
 #[derive(Clone, Debug, Default)]
@@ -109,8 +108,8 @@ fn ascending(stamps: &[f64], what: &str, ordered: impl Fn(f64, f64) -> bool) -> 
 /// One thing that happens to the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// The robot moves under a control for a time.
-    Control([f64; 3], f64),
+    /// The robot moves by a row of odometry or a part of it.
+    Control(RowPart),
     /// All sightings of one stamp, as a range of rows; an empty range only records where the robot is.
     Step {
         /// Seconds.
@@ -124,12 +123,16 @@ pub enum Event {
 
 /// The steps of a log with the controls between them, in time order.
 ///
-/// A held control is cut where a sighting falls into it; so is an increment, along its arc. Stretches without
-/// sightings get empty steps `path_period_s` apart, so that the path has no gaps.
+/// A row is cut where a sighting falls into it. Stretches without sightings get empty steps `path_period_s` apart, so
+/// that the path has no gaps; they cut rows too. A part knows the row that it is of, so that cutting changes nothing.
+///
+/// A held row lasts until the next one, the last until the log ends. An increment lasts from the row before; the first
+/// from the first sighting, if that is earlier.
 pub struct Timeline<'a> {
     log: &'a LogData,
     timing: ControlTiming,
     path_period_s: f64,
+    start_s: f64,
     now_s: f64,
     last_step_s: f64,
     control: usize,
@@ -144,11 +147,11 @@ impl<'a> Timeline<'a> {
         let first = |stamps: &[f64]| stamps.first().copied().unwrap_or(f64::INFINITY);
         let last = |stamps: &[f64]| stamps.last().copied().unwrap_or(f64::NEG_INFINITY);
         let start_s = first(&log.control_stamps_s).min(first(&log.sighting_stamps_s));
-        // An increment ends at its stamp and starts one period earlier, wherever that was.
         Self {
             log,
             timing,
             path_period_s,
+            start_s,
             now_s: start_s,
             last_step_s: start_s,
             control: 0,
@@ -168,33 +171,27 @@ impl<'a> Timeline<'a> {
 
     /// The motion from now to `until_s`, which no event interrupts.
     fn motion_until(&mut self, until_s: f64) -> Option<Event> {
+        let from_s = std::mem::replace(&mut self.now_s, until_s);
         let stamps = &self.log.control_stamps_s;
-        let from_s = self.now_s;
-        self.now_s = until_s;
-        match self.timing {
+        let (index, row_start_s, row_end_s) = match self.timing {
+            // The last control at or before `from_s` holds.
             ControlTiming::Held => {
-                // The last control at or before `from_s` holds.
                 let index = self.control.checked_sub(1)?;
-                (until_s > from_s).then(|| Event::Control(self.log.controls[index], until_s - from_s))
+                (index, stamps[index], stamps.get(index + 1).copied().unwrap_or(self.end_s))
             }
             ControlTiming::Increment => {
-                let control = *self.log.controls.get(self.control)?;
-                let end_s = stamps[self.control];
-                let start_s = if self.control == 0 { from_s.min(end_s) } else { stamps[self.control - 1] };
-                if until_s >= end_s {
-                    self.control += 1;
-                }
-                if end_s <= start_s {
-                    return Some(Event::Control(control, 0.0));
-                }
-                let share = (until_s - from_s) / (end_s - start_s);
-                if share <= 0.0 {
-                    return None;
-                }
-                let motion = if share < 1.0 { Pose::from(control).fraction(share).to_array() } else { control };
-                Some(Event::Control(motion, until_s - from_s))
+                let index = self.control;
+                let row_end_s = *stamps.get(index)?;
+                self.control += usize::from(until_s >= row_end_s);
+                (index, index.checked_sub(1).map_or(self.start_s, |before| stamps[before]), row_end_s)
             }
+        };
+        let (control, row_s) = (self.log.controls[index], row_end_s - row_start_s);
+        if row_s <= 0.0 {
+            return Some(Event::Control(RowPart::whole(control, 0.0)));
         }
+        let share = (until_s - from_s) / row_s;
+        (share > 0.0).then_some(Event::Control(RowPart { control, row_s, share }))
     }
 
     /// Stamp at which the present control ends.
@@ -273,9 +270,10 @@ mod tests {
         let (mut distance, mut time) = (0.0, 0.0);
         for event in Timeline::new(log, timing, period) {
             match event {
-                Event::Control(control, dt) => {
-                    distance += if timing == ControlTiming::Held { control[0] * dt } else { control[0] };
-                    time += dt;
+                Event::Control(part) => {
+                    distance +=
+                        part.control[0] * part.share * if timing == ControlTiming::Held { part.row_s } else { 1.0 };
+                    time += part.duration_s();
                 }
                 Event::Step { stamp_s, first, end } => out.push((stamp_s, end - first, distance, time)),
             }
@@ -357,6 +355,26 @@ mod tests {
         for period in [0.5, 1e-300] {
             assert!(Timeline::new(&wrong, ControlTiming::Held, period).step_bound() < 10_000_010);
         }
+    }
+
+    #[test]
+    fn a_first_increment_that_begins_with_the_sightings_acts_once_however_it_is_cut() {
+        let log = log(&[(1.0, [3.0, 0.0, 0.0]), (2.0, [1.0, 0.0, 0.0])], &[0.0, 0.5]);
+        for period in [5.0, 0.5, 0.2] {
+            let end = *steps(&log, ControlTiming::Increment, period).last().unwrap();
+            assert!((end.2 - 4.0).abs() < 1e-12 && (end.3 - 2.0).abs() < 1e-12, "{period}: {end:?}");
+        }
+    }
+
+    #[test]
+    fn the_parts_of_a_row_name_the_row() {
+        let log = log(&[(0.0, [1.0, 0.0, 0.0]), (2.0, [2.0, 0.0, 0.0])], &[0.5, 3.0]);
+        let parts: Vec<RowPart> = Timeline::new(&log, ControlTiming::Held, 0.75)
+            .filter_map(|event| if let Event::Control(part) = event { Some(part) } else { None })
+            .collect();
+        let rows: Vec<(f64, f64)> = parts.iter().map(|p| (p.control[0], p.row_s)).collect();
+        assert_eq!(rows, [(1.0, 2.0), (1.0, 2.0), (1.0, 2.0), (2.0, 1.0), (2.0, 1.0)]);
+        assert_eq!(parts.iter().map(|p| p.share).collect::<Vec<_>>(), [0.25, 0.375, 0.375, 0.75, 0.25]);
     }
 
     #[test]

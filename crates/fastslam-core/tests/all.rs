@@ -15,6 +15,7 @@ mod life_cycle;
 mod linear_world;
 mod metamorphic;
 mod oracle_linear_gaussian;
+mod path_period;
 mod randomness;
 mod rejuvenation;
 mod robustness;

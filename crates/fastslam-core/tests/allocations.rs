@@ -55,7 +55,12 @@ fn filter(case: Case) -> FastSlam {
     config.sensor.bearing_std_rad = 0.02;
     // Without resampling nothing holds the particles together.
     let std = if threshold == 0.0 { 1e-6 } else { 0.004 };
-    config.motion = Motion::Increments(Increments { x_std_m: std, y_std_m: std, heading_std_rad: 0.1 * std });
+    config.motion = Motion::Increments(Increments {
+        x_std_m: std,
+        y_std_m: std,
+        heading_std_rad: 0.1 * std,
+        ..Increments::default()
+    });
     FastSlam::new(config, identities).unwrap()
 }
 

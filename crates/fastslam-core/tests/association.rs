@@ -174,7 +174,8 @@ fn every_particle_binds_a_label_for_itself() {
     // Poses spread by 2 m along x: particles that stand right bind the label to the landmark seen before, those that
     // stand wrong make a new one. Nothing is resampled, so particle i stays particle i.
     let mut config = config(Algorithm::Fastslam1, 60);
-    config.motion = Motion::Increments(Increments { x_std_m: 2.0, y_std_m: 0.0, heading_std_rad: 0.0 });
+    config.motion =
+        Motion::Increments(Increments { x_std_m: 2.0, y_std_m: 0.0, heading_std_rad: 0.0, ..Increments::default() });
     config.filter.resampling.threshold = 0.0;
     let mut filter = FastSlam::new(config, Identities::Some).unwrap();
     filter.update(0.0, &[unlabelled(5.0, 0.0)]).unwrap();
@@ -206,7 +207,12 @@ fn landmarks_behind_the_robot_are_not_duplicated() {
     let landmarks = [[-4.0, 0.0], [-3.0, 2.0], [-3.0, -2.0], [-0.5, 3.0], [-0.5, -3.0]];
     for algorithm in ALGORITHMS {
         let mut config = config(algorithm, 10);
-        config.motion = Motion::Increments(Increments { x_std_m: 0.02, y_std_m: 0.02, heading_std_rad: 0.005 });
+        config.motion = Motion::Increments(Increments {
+            x_std_m: 0.02,
+            y_std_m: 0.02,
+            heading_std_rad: 0.005,
+            ..Increments::default()
+        });
         let mut filter = FastSlam::new(config, Identities::None).unwrap();
         let (mut x, mut behind, mut crossings) = (0.0, 0, [0, 0]);
         for step in 0..20_u32 {
@@ -289,7 +295,8 @@ fn compare_with_brute_force(mut config: Config, own_noise: bool) -> [u32; 3] {
     let density = 1e-4;
     config.association.new_landmark_density = Some(density);
     config.association.existence.removal = Removal::Never;
-    config.motion = Motion::Increments(Increments { x_std_m: 0.1, y_std_m: 0.05, heading_std_rad: 0.02 });
+    config.motion =
+        Motion::Increments(Increments { x_std_m: 0.1, y_std_m: 0.05, heading_std_rad: 0.02, ..Increments::default() });
     config.sensor.mounting.x_m = 0.6;
     let mut filter = FastSlam::new(config, Identities::None).unwrap();
     let mut seen = [0; 3];
@@ -340,7 +347,8 @@ fn decisions_follow_their_particles_through_resampling() {
     // A quarter of the density at the middle of the landmark, so that new ones survive beside it.
     let density = 2.0;
     let mut config = config(Algorithm::Fastslam1, 60);
-    config.motion = Motion::Increments(Increments { x_std_m: 2.0, y_std_m: 0.0, heading_std_rad: 0.0 });
+    config.motion =
+        Motion::Increments(Increments { x_std_m: 2.0, y_std_m: 0.0, heading_std_rad: 0.0, ..Increments::default() });
     config.filter.resampling.threshold = 1.0;
     config.sensor.range_std_m = 0.5;
     config.association.new_landmark_density = Some(density);

@@ -43,7 +43,8 @@ impl LeastSquares {
 fn the_posterior_of_the_linear_world_is_exact() {
     let n = 2 * (STEPS + LANDMARKS);
     let mut exact = LeastSquares { information: DMatrix::zeros(n, n), vector: DVector::zeros(n) };
-    let motion = Increments { x_std_m: MOTION_STD[0], y_std_m: MOTION_STD[1], heading_std_rad: 0.0 };
+    let motion =
+        Increments { x_std_m: MOTION_STD[0], y_std_m: MOTION_STD[1], heading_std_rad: 0.0, ..Increments::default() };
     let mut config = Config { motion: Motion::Increments(motion), ..Config::default() };
     config.sensor.min_range_m = 1e-6;
     let model = Cartesian { position_std_m: SIGHTING_STD };

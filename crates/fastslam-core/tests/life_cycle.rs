@@ -15,7 +15,12 @@ fn seen(range_m: f64, bearing_rad: f64) -> Sighting {
 fn bayes() -> Config {
     let mut config = Config { seed: 3, ..Config::default() };
     config.filter.particles = 20;
-    config.motion = Motion::Increments(Increments { x_std_m: 0.02, y_std_m: 0.02, heading_std_rad: 0.005 });
+    config.motion = Motion::Increments(Increments {
+        x_std_m: 0.02,
+        y_std_m: 0.02,
+        heading_std_rad: 0.005,
+        ..Increments::default()
+    });
     config.sensor.max_range_m = 10.0;
     config.association.detection_probability = Some(0.8);
     config.association.clutter_density = Some(0.01);
@@ -206,7 +211,12 @@ fn merging_what_different_particles_created_changes_no_particle() {
         config.filter.particles = 40;
         config.filter.resampling.threshold = 0.0;
         config.association.existence.removal = Removal::Never;
-        config.motion = Motion::Increments(Increments { x_std_m: 0.4, y_std_m: 0.4, heading_std_rad: 0.0 });
+        config.motion = Motion::Increments(Increments {
+            x_std_m: 0.4,
+            y_std_m: 0.4,
+            heading_std_rad: 0.0,
+            ..Increments::default()
+        });
         config.algorithm = fastslam_core::config::Algorithm::Fastslam1;
         config.association.merging.rule = rule;
         let mut filter = filter(config);

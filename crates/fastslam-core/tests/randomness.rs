@@ -8,7 +8,8 @@ use fastslam_core::resampling::ResamplingScheme;
 /// Where the particles stand after each of three resamplings of equal weights, without motion between them.
 fn positions(algorithm: Algorithm, identities: Identities) -> [Vec<f64>; 4] {
     let mut config = Config { algorithm, seed: 3, ..Config::default() };
-    config.motion = Motion::Increments(Increments { x_std_m: 0.5, y_std_m: 0.0, heading_std_rad: 0.0 });
+    config.motion =
+        Motion::Increments(Increments { x_std_m: 0.5, y_std_m: 0.0, heading_std_rad: 0.0, ..Increments::default() });
     config.filter.particles = 40;
     config.filter.resampling.threshold = 1.0;
     config.filter.resampling.scheme = ResamplingScheme::Multinomial;

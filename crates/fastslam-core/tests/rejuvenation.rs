@@ -4,6 +4,7 @@ use crate::linear_world::{self, exact, sighting, LANDMARKS, MODEL};
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::geometry::Pose;
+use fastslam_core::motion::Motion;
 use fastslam_core::run::{run, Observer, RunOutput};
 use fastslam_core::store::StoreKind;
 use fastslam_core::timeline::LogData;
@@ -155,8 +156,13 @@ fn the_map_gets_better_also_without_identities() {
 
 #[test]
 fn a_loop_that_the_associations_missed_is_closed() {
-    // Swept in lanes, then across: the way back to the first lanes is long, and the plain filter maps all a second time.
+    // Swept in lanes, then across: the way back to the first lanes is long. Told twice the variance of the motion, the
+    // plain filter maps all a second time.
     let (log, mut config, truth) = world("lawn-mower", 1, 10_000.0, fastslam_sim::Identities::None);
+    let Motion::Increments(motion) = &mut config.motion else { panic!("another model: {:?}", config.motion) };
+    for std in [&mut motion.x_std_m, &mut motion.y_std_m, &mut motion.heading_std_rad] {
+        *std *= std::f64::consts::SQRT_2;
+    }
     (config.filter.particles, config.filter.rejuvenation.every_steps) = (30, 200);
     (config.filter.rejuvenation.growth, config.filter.rejuvenation.spread) = (0.1, 0.5);
     let landmarks = truth.landmarks.position_m.len();
@@ -212,7 +218,7 @@ fn poses_before_the_window_stand_still() {
     let mut filter = FastSlam::new(config.clone(), Identities::All).unwrap();
     for event in fastslam_core::timeline::Timeline::new(&log, config.motion.timing(), 0.5) {
         match event {
-            fastslam_core::timeline::Event::Control(control, dt_s) => filter.predict(control, dt_s).unwrap(),
+            fastslam_core::timeline::Event::Control(part) => filter.advance(&part).unwrap(),
             fastslam_core::timeline::Event::Step { stamp_s, first, end } => {
                 filter.update(stamp_s, &log.sightings[first..end]).map(|_| ()).unwrap();
             }

@@ -15,7 +15,8 @@ fn run(algorithm: Algorithm, identities: Identities, threads: u32) -> (Vec<u64>,
     config.filter.particles = PARTICLES as u32;
     config.filter.threads = threads;
     config.filter.resampling.threshold = 1.0;
-    config.motion = Motion::Increments(Increments { x_std_m: 0.05, y_std_m: 0.05, heading_std_rad: 0.01 });
+    config.motion =
+        Motion::Increments(Increments { x_std_m: 0.05, y_std_m: 0.05, heading_std_rad: 0.01, ..Increments::default() });
     let mut filter = FastSlam::new(config, identities).unwrap();
     let mut resampled = 0;
     for step in 0..STEPS {

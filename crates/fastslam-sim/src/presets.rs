@@ -91,7 +91,12 @@ fn lawn_mower() -> SimulationConfig {
         vehicle: VehicleConfig { speed_m_per_s: 0.985, max_yaw_rate_rad_per_s: 0.5, lookahead_m: 3.0 },
         control_period_s: 1.0,
         max_duration_s: Some(6760.0),
-        motion: Motion::Increments(Increments { x_std_m: 0.02, y_std_m: 0.02, heading_std_rad: 0.1_f64.to_radians() }),
+        motion: Motion::Increments(Increments {
+            x_std_m: 0.02,
+            y_std_m: 0.02,
+            heading_std_rad: 0.1_f64.to_radians(),
+            ..Increments::default()
+        }),
         sensor: sensor(0.1, 1.0, 10.0),
         scan: ScanConfig { period_s: 1.0, ..ScanConfig::default() },
         ..SimulationConfig::default()
@@ -110,6 +115,7 @@ fn cones() -> SimulationConfig {
             yaw_rate_std_rad_per_s: 0.05,
             lateral_std_m_per_s: 0.0,
             noise_period_s: Some(0.02),
+            ..Velocity::default()
         }),
         sensor: Sensor { field_of_view_rad: 2.0 * PI / 3.0, min_range_m: 0.5, ..sensor(0.1, 1.0, 15.0) },
         scan: ScanConfig {
@@ -151,7 +157,12 @@ fn headline() -> SimulationConfig {
         trajectory: Trajectory::LawnMower(LawnMower { lane_spacing_m: None, sweeps: 1 }),
         vehicle: VehicleConfig { speed_m_per_s: 2.0, max_yaw_rate_rad_per_s: 1.0, lookahead_m: 3.0 },
         control_period_s: 0.5,
-        motion: Motion::Increments(Increments { x_std_m: 0.01, y_std_m: 0.01, heading_std_rad: 0.05_f64.to_radians() }),
+        motion: Motion::Increments(Increments {
+            x_std_m: 0.01,
+            y_std_m: 0.01,
+            heading_std_rad: 0.05_f64.to_radians(),
+            ..Increments::default()
+        }),
         sensor: sensor(0.1, 1.0, 10.0),
         scan: ScanConfig { period_s: 1.0, ..ScanConfig::default() },
         ..SimulationConfig::default()
@@ -166,7 +177,7 @@ fn victoria_like() -> SimulationConfig {
         vehicle: VehicleConfig { speed_m_per_s: 2.6, max_yaw_rate_rad_per_s: 0.5, lookahead_m: 12.0 },
         control_period_s: 0.025,
         max_duration_s: Some(1550.0),
-        motion: Motion::Ackermann(Ackermann::default()),
+        motion: Motion::Ackermann(Ackermann { noise_period_s: Some(0.025), ..Ackermann::default() }),
         sensor: Sensor { field_of_view_rad: PI, min_range_m: 1.0, ..sensor(0.5, 1.5, 50.0) },
         scan: ScanConfig {
             period_s: 0.2,
@@ -191,6 +202,7 @@ fn rover() -> SimulationConfig {
             yaw_rate_std_rad_per_s: 0.03,
             lateral_std_m_per_s: 0.0,
             noise_period_s: Some(0.1),
+            ..Velocity::default()
         }),
         sensor: Sensor { field_of_view_rad: PI, min_range_m: 0.1, ..sensor(0.05, 0.6, 20.0) },
         scan: ScanConfig {

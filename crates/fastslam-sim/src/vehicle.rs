@@ -6,7 +6,9 @@ use crate::path::Path;
 use fastslam_core::error::{Error, Result};
 use fastslam_core::geometry::Pose;
 use fastslam_core::math::atan2;
-use fastslam_core::motion::{ConditionedControl, ControlTiming, Motion, MotionModel};
+use fastslam_core::motion::MotionModel;
+use fastslam_core::motion::{Ackermann, Increments, Motion, Odometry, PoseColumns, Proportional, Velocity};
+use fastslam_core::random::Stream;
 
 /// A log with more control periods does not fit into the memory of the machines that this is for.
 const MOST_PERIODS: usize = 100_000_000;
@@ -14,7 +16,7 @@ const MOST_PERIODS: usize = 100_000_000;
 /// What was truly driven.
 #[derive(Clone, Debug)]
 pub struct Drive {
-    /// True control of each period, in the columns of the motion model.
+    /// What odometry without noise reports of each period, in the columns of the motion model.
     pub controls: Vec<[f64; 3]>,
     /// True `T_world_robot` at the beginning and after each period: one more than controls.
     pub poses: Vec<Pose>,
@@ -98,54 +100,113 @@ impl Pursuit<'_> {
     }
 }
 
-/// The control that drives with a speed and a yaw rate for one period.
+/// What odometry without noise reports of a period with this speed of the axle and yaw rate: gains and biases undone.
 fn control_of(motion: &Motion, [speed, yaw_rate]: [f64; 2], dt_s: f64) -> [f64; 3] {
+    let twist = [speed * dt_s, 0.0, yaw_rate * dt_s];
     match motion {
-        Motion::Velocity(_) => [speed, yaw_rate, 0.0],
-        // The speed is that of the axle's centre; the encoder's wheel is nearer to the centre of a left turn.
-        Motion::Ackermann(car) => {
-            [speed - yaw_rate * car.encoder_left_m, atan2(yaw_rate * car.wheelbase_m, speed), 0.0]
-        }
-        Motion::Odometry(_) | Motion::Increments(_) => Pose::from_twist(speed * dt_s, 0.0, yaw_rate * dt_s).to_array(),
+        Motion::Velocity(m) => rates(m.correction.report_of(twist, dt_s), dt_s),
+        Motion::Ackermann(car) => steering_of(car, [speed, yaw_rate]),
+        Motion::Odometry(m) => displacement(m.correction.report_of(twist, dt_s)),
+        Motion::Increments(m) => displacement(m.correction.report_of(twist, dt_s)),
     }
 }
 
-/// The odometry: the true controls with the noise of the model, in the model's coordinates of noise.
+fn rates([forward, _, turn]: [f64; 3], dt_s: f64) -> [f64; 3] {
+    [forward / dt_s, turn / dt_s, 0.0]
+}
+
+fn displacement([forward, left, turn]: [f64; 3]) -> [f64; 3] {
+    Pose::from_twist(forward, left, turn).to_array()
+}
+
+/// Speed and steering angle that the car reports. The encoder's wheel is nearer to the centre of a left turn.
+fn steering_of(car: &Ackermann, [speed, yaw_rate]: [f64; 2]) -> [f64; 3] {
+    let [_, _, steered] = car.correction.report_of([0.0, 0.0, yaw_rate], 1.0);
+    let (encoder, angle) = (speed - steered * car.encoder_left_m, atan2(steered * car.wheelbase_m, speed));
+    [encoder / car.correction.distance_gain, (angle - car.steering_bias_rad) / car.steering_gain, 0.0]
+}
+
+/// The odometry: what is reported without noise, with the noise of the model.
 ///
-/// For noise that does not depend on the control (all models but `odometry`) the truth given the record is then
-/// distributed exactly as a filter with the same model supposes; for `odometry` to first order, because its noise is
-/// scaled by the true motion here and by the recorded one there.
-pub fn record(config: &SimulationConfig, true_controls: &[[f64; 3]], draws: Draws) -> Vec<[f64; 3]> {
+/// The truth given the record is distributed as a filter with the same model supposes, but for this: the noise is
+/// scaled by the true motion here and by the recorded one there; speeds err by the same all over a row, so that the
+/// heading's error swings the way by a half and not by a third in variance; and what a record cannot say, slip
+/// sideways, is not simulated for `velocity` and `ackermann`.
+pub fn record(config: &SimulationConfig, reports: &[[f64; 3]], draws: Draws) -> Vec<[f64; 3]> {
     let stream = draws.stream(Part::Odometry, 0);
     let dt_s = config.control_period_s;
-    let noisy = |(i, control): (usize, &[f64; 3])| {
-        let ConditionedControl { mean, std, .. } = condition(&config.motion, *control, dt_s);
-        let [a, b] = stream.normal_pair(i as u32, 0);
-        let [c, _] = stream.normal_pair(i as u32, 1);
-        let coordinates = [mean[0] + std[0] * a, mean[1] + std[1] * b, mean[2] + std[2] * c];
-        match config.motion.timing() {
-            ControlTiming::Held => coordinates,
-            ControlTiming::Increment => displacement(&config.motion, coordinates, dt_s),
+    let noisy = |(i, report): (usize, &[f64; 3])| {
+        let noise = RowNoise { stream, row: i as u32, dt_s };
+        match &config.motion {
+            Motion::Velocity(m) => noise.on_rates(m, *report),
+            Motion::Ackermann(m) => noise.on_steering(m, *report),
+            Motion::Increments(m) => noise.on_displacement(m, *report),
+            Motion::Odometry(m) => noise.on_turns(m, *report),
         }
     };
-    true_controls.iter().enumerate().map(noisy).collect()
+    reports.iter().enumerate().map(noisy).collect()
 }
 
-fn condition(motion: &Motion, control: [f64; 3], dt_s: f64) -> ConditionedControl {
-    match motion {
-        Motion::Velocity(m) => m.condition(control, dt_s),
-        Motion::Odometry(m) => m.condition(control, dt_s),
-        Motion::Increments(m) => m.condition(control, dt_s),
-        Motion::Ackermann(m) => m.condition(control, dt_s),
+/// The noise of one row.
+struct RowNoise {
+    stream: Stream,
+    row: u32,
+    dt_s: f64,
+}
+
+impl RowNoise {
+    fn normals(&self) -> [f64; 3] {
+        let [a, b] = self.stream.normal_pair(self.row, 0);
+        [a, b, self.stream.normal_pair(self.row, 1)[0]]
     }
-}
 
-fn displacement(motion: &Motion, coordinates: [f64; 3], dt_s: f64) -> [f64; 3] {
-    let moved = match motion {
-        Motion::Velocity(m) => m.relative_motion(coordinates, dt_s),
-        Motion::Odometry(m) => m.relative_motion(coordinates, dt_s),
-        Motion::Increments(m) => m.relative_motion(coordinates, dt_s),
-        Motion::Ackermann(m) => m.relative_motion(coordinates, dt_s),
-    };
-    moved.to_array()
+    /// A twist with the noise that is in proportion to the true one.
+    fn in_proportion(&self, proportional: &Proportional, truth: [f64; 3], twist: [f64; 3]) -> [f64; 3] {
+        let [a, b] = self.stream.normal_pair(self.row, 2);
+        let [c, _] = self.stream.normal_pair(self.row, 3);
+        let std = proportional.variances(truth).map(f64::sqrt);
+        [twist[0] + std[0] * a, twist[1] + std[1] * b, twist[2] + std[2] * c]
+    }
+
+    fn on_rates(&self, model: &Velocity, report: [f64; 3]) -> [f64; 3] {
+        let row = model.row(report, self.dt_s);
+        let (twist, diffusion) = (row.twist, row.diffusion());
+        let [a, b, _] = self.normals();
+        let noisy = [twist[0] + diffusion[0][0].sqrt() * a, 0.0, twist[2] + diffusion[2][2].sqrt() * b];
+        rates(model.correction.report_of(noisy, self.dt_s), self.dt_s)
+    }
+
+    fn on_steering(&self, car: &Ackermann, report: [f64; 3]) -> [f64; 3] {
+        let [a, b, _] = self.normals();
+        let of_mean = (car.noise_period_s.unwrap_or(self.dt_s) / self.dt_s).sqrt();
+        let noisy = [
+            report[0] + car.speed_std_m_per_s * of_mean * a / car.correction.distance_gain,
+            report[1] + car.steering_std_rad * of_mean * b / car.steering_gain,
+            0.0,
+        ];
+        if car.proportional == Proportional::default() {
+            return noisy;
+        }
+        let [forward, _, turn] =
+            self.in_proportion(&car.proportional, car.row(report, self.dt_s).twist, car.row(noisy, self.dt_s).twist);
+        steering_of(car, [(forward + turn * car.sensor_left_m) / self.dt_s, turn / self.dt_s])
+    }
+
+    fn on_displacement(&self, model: &Increments, report: [f64; 3]) -> [f64; 3] {
+        let truth = model.row(report, self.dt_s).twist;
+        let [x, y, heading] = displacement(truth);
+        let [a, b, c] = self.normals();
+        let (x, y) = (x + model.x_std_m * a, y + model.y_std_m * b);
+        let twist = Pose::new(x, y, heading + model.heading_std_rad * c).to_twist();
+        let noisy = self.in_proportion(&model.proportional, truth, twist);
+        displacement(model.correction.report_of(noisy, self.dt_s))
+    }
+
+    fn on_turns(&self, model: &Odometry, report: [f64; 3]) -> [f64; 3] {
+        let (mut x, mut y, mut heading) = ([0.0], [0.0], [0.0]);
+        let poses = PoseColumns { first_particle: self.row, x: &mut x, y: &mut y, heading: &mut heading };
+        model.row(report, self.dt_s).part(1.0).sample(self.stream, poses);
+        let twist = Pose::new(x[0], y[0], heading[0]).to_twist();
+        displacement(model.correction.report_of(twist, self.dt_s))
+    }
 }

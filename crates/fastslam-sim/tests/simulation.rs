@@ -2,7 +2,9 @@
 use fastslam_core::error::Error;
 use fastslam_core::geometry::Pose;
 use fastslam_core::measurement::{MeasurementModel, Mounting, Sensor};
-use fastslam_core::motion::{Ackermann, Increments, Motion, MotionModel, Odometry, Velocity};
+use fastslam_core::motion::{
+    Ackermann, ControlTiming, Correction, Increments, Motion, Odometry, Proportional, Velocity,
+};
 use fastslam_sim::*;
 
 /// A seeded world with many sightings: three laps, 0.1 s controls.
@@ -43,38 +45,78 @@ fn assert_standard_normal(errors: &[f64], what: &str) {
     assert!((variance - 1.0).abs() < 5.0 * (2.0 / n).sqrt(), "{what}: variance {variance} of {n}");
 }
 
-#[test]
-fn odometry_noise_has_the_moments_of_the_model() {
-    for motion in all_motions() {
-        let config = SimulationConfig { motion, ..base() };
-        let log = simulate(&config).unwrap();
-        assert_eq!(log.controls.len(), log.control_stamp_s.len());
-        let mut errors = vec![vec![]; 3];
-        for (recorded, truth) in log.controls.iter().zip(&log.true_controls) {
-            let dt = config.control_period_s;
-            let (a, b) = match &config.motion {
-                Motion::Velocity(m) => (m.condition(*recorded, dt), m.condition(*truth, dt)),
-                Motion::Ackermann(m) => (m.condition(*recorded, dt), m.condition(*truth, dt)),
-                Motion::Odometry(m) => (m.condition(*recorded, dt), m.condition(*truth, dt)),
-                Motion::Increments(m) => (m.condition(*recorded, dt), m.condition(*truth, dt)),
-            };
-            for (i, errors) in errors.iter_mut().enumerate() {
-                if b.std[i] > 0.0 {
-                    errors.push((a.mean[i] - b.mean[i]) / b.std[i]);
-                }
-            }
+/// The models with gains, biases and noise in proportion to the motion.
+fn erring_motions() -> Vec<Motion> {
+    let correction = Correction { distance_gain: 1.07, turn_gain: 0.64, yaw_rate_bias_rad_per_s: 0.02 };
+    let proportional = Proportional {
+        distance_std_m_per_sqrt_m: 0.05,
+        lateral_std_m_per_sqrt_m: 0.03,
+        turn_std_rad_per_sqrt_m: 0.02,
+        turn_std_rad_per_sqrt_rad: 0.1,
+    };
+    vec![
+        Motion::Velocity(Velocity { correction, proportional, ..Velocity::default() }),
+        Motion::Odometry(Odometry { correction, proportional, ..Odometry::default() }),
+        Motion::Increments(Increments { correction, proportional, ..Increments::default() }),
+        Motion::Ackermann(Ackermann {
+            wheelbase_m: 1.0,
+            encoder_left_m: 0.3,
+            steering_gain: 1.1,
+            steering_bias_rad: 0.04,
+            correction,
+            proportional,
+            ..Ackermann::default()
+        }),
+    ]
+}
+
+/// By what a recorded row errs from the truth, in standard deviations: what the record can say.
+fn standardised_errors(motion: &Motion, recorded: [f64; 3], report: [f64; 3], dt_s: f64) -> Vec<f64> {
+    let (got, truth) = (motion.row(recorded, dt_s), motion.row(report, dt_s));
+    match motion.timing() {
+        ControlTiming::Held => {
+            [0, 2].map(|i| (got.twist[i] - truth.twist[i]) / truth.diffusion()[i][i].sqrt()).to_vec()
         }
-        let tested = errors.iter().filter(|errors| !errors.is_empty()).count();
-        assert_eq!(tested, log.control_columns.len(), "one noise for each column");
-        for (i, errors) in errors.iter().enumerate().filter(|(_, errors)| !errors.is_empty()) {
-            assert_standard_normal(errors, &format!("{:?} column {i}", config.motion));
+        ControlTiming::Increment => {
+            let part = truth.part(1.0);
+            let error = part.mean.inverse().compose(got.part(1.0).mean).to_array();
+            let covariance = part.covariance_in_world(-part.mean.heading);
+            (0..3).map(|i| error[i] / covariance[i][i].sqrt()).collect()
         }
     }
 }
 
 #[test]
+fn odometry_noise_has_the_moments_of_the_model() {
+    for motion in all_motions().into_iter().chain(erring_motions()) {
+        let config = SimulationConfig { motion, ..base() };
+        let log = simulate(&config).unwrap();
+        assert_eq!(log.controls.len(), log.control_stamp_s.len());
+        let rows = log.controls.iter().zip(&log.true_controls);
+        let errors: Vec<Vec<f64>> = rows
+            .map(|(recorded, report)| standardised_errors(&config.motion, *recorded, *report, config.control_period_s))
+            .collect();
+        assert_eq!(errors[0].len(), log.control_columns.len(), "one noise for each column");
+        for i in 0..errors[0].len() {
+            let column: Vec<f64> = errors.iter().map(|row| row[i]).collect();
+            assert_standard_normal(&column, &format!("{:?} column {i}", config.motion));
+        }
+    }
+}
+
+#[test]
+fn odometry_that_errs_reports_what_the_gains_undo() {
+    let motion = erring_motions().remove(0);
+    let log = simulate(&SimulationConfig { motion, ..base() }).unwrap();
+    let driven = log.T_world_robot.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1])).sum::<f64>();
+    let reported = log.controls.iter().map(|c| 0.1 * c[0]).sum::<f64>();
+    assert!(log.controls.len() > 500);
+    assert!((driven / reported / 1.07 - 1.0).abs() < 0.01, "{driven} m driven, {reported} m reported");
+}
+
+#[test]
 fn replaying_the_true_controls_gives_the_true_path() {
-    for motion in all_motions() {
+    for motion in all_motions().into_iter().chain(erring_motions()) {
         let config = SimulationConfig { motion, ..base() };
         let log = simulate(&config).unwrap();
         let mut pose = Pose::from(log.T_world_robot[0]);

@@ -18,7 +18,7 @@ use crate::geometry::{transform3, Matrix3, Pose, Symmetric2};
 use crate::landmark::{fit_with_tail, Fit, Measured};
 use crate::math::wrap_angle;
 use crate::measurement::{MeasurementModel, RangeBearing};
-use crate::motion::MotionGaussian;
+use crate::motion::{MotionGaussian, RowPart};
 use crate::real::Dual;
 use crate::store::StoreUsage;
 use covariance::{Covariance, SparseRows, VectorPair, TILE};
@@ -119,12 +119,17 @@ impl<M: MeasurementModel> EkfSlam<M> {
         &self.config
     }
 
-    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`.
+    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`: a whole row.
+    pub fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
+        self.advance(&RowPart::whole(control, dt_s))
+    }
+
+    /// Moves the robot by a row of odometry, or a part of it.
     ///
     /// **Why:** only the pose moves, so controls are gathered at O(1) and enter the joint covariance at the next update.
-    pub fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
-        Error::check_control(control, dt_s)?;
-        self.pending = self.config.motion.extend(&self.pending, control, dt_s).checked(control, dt_s)?;
+    pub fn advance(&mut self, part: &RowPart) -> Result<()> {
+        let motion = self.config.motion.of(part)?;
+        self.pending = self.pending.then(&motion).checked(part)?;
         Ok(())
     }
 

@@ -33,7 +33,7 @@ use crate::error::{Error, Result, LARGEST_MAGNITUDE};
 use crate::geometry::Pose;
 use crate::landmark::SensorPoses;
 use crate::measurement::{MeasurementModel, RangeBearing};
-use crate::motion::{MotionByNoise, MotionGaussian, PoseColumns};
+use crate::motion::{MotionByNoise, MotionGaussian, PoseColumns, RowPart};
 use crate::path::PathForest;
 use crate::random::{Purpose, RandomSource};
 use crate::resampling::Resampler;
@@ -212,30 +212,32 @@ impl<M: MeasurementModel> FastSlam<M> {
         &self.config
     }
 
-    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`.
+    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`: a whole row.
+    pub fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
+        self.advance(&RowPart::whole(control, dt_s))
+    }
+
+    /// Moves the robot by a row of odometry, or a part of it.
     ///
     /// FastSLAM 1.0 samples every particle's pose now; 2.0 keeps the motion as a Gaussian until sightings come.
     ///
     /// **Errors:** [`Error::Input`] for a control that no robot could follow; the filter is then as it was.
-    pub fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
-        Error::check_control(control, dt_s)?;
-        // Nothing is pending where the poses are sampled at once.
-        let extended = self.config.motion.extend(&self.pending, control, dt_s).checked(control, dt_s)?;
+    pub fn advance(&mut self, part: &RowPart) -> Result<()> {
+        let (motion, by_noise) = self.config.motion.with_noises(part)?;
         match self.config.algorithm {
             Algorithm::Fastslam1 => {
                 let stream = self.random.stream(Purpose::Motion, self.controls);
                 let Particles { x, y, heading, .. } = &mut self.particles;
-                let motion = &self.config.motion;
                 let whole = [x, y, heading].map(Vec::as_mut_slice);
                 self.workers.share(whole, PART, &|first, [x, y, heading]| {
                     let first_particle = first as u32;
-                    motion.sample(control, dt_s, stream, PoseColumns { first_particle, x, y, heading });
+                    motion.sample(stream, PoseColumns { first_particle, x, y, heading });
                 });
             }
-            _ => self.pending = extended,
+            _ => self.pending = self.pending.then(&motion).checked(part)?,
         }
-        self.motion_since_scan = self.config.motion.extend_by_noise(&self.motion_since_scan, control, dt_s);
-        self.remember_motion(control, dt_s);
+        self.motion_since_scan = self.motion_since_scan.then(&by_noise);
+        self.remember_motion(&motion);
         self.controls += 1;
         Ok(())
     }

@@ -1,9 +1,11 @@
 //! A car with wheel speed and steering angle.
 
-use super::{validate_period, white_noise_std, ConditionedControl, ControlTiming, MotionModel};
+use super::gaussian::symmetrized;
+use super::settings::{gain, integrated, validate_period, variance_of};
+use super::{ControlTiming, Correction, MotionModel, Proportional, RowMotion};
 use crate::error::{finite, non_negative, positive, Error, Result};
-use crate::geometry::Pose;
-use crate::real::Real;
+use crate::geometry::transform3;
+use crate::real::{Dual, Real};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +37,14 @@ pub struct Ackermann {
     /// The standard deviations belong to a control held this long, and shrink with the root of a longer time (white
     /// noise). Without it they belong to each row, however long it lasts.
     pub noise_period_s: Option<f64>,
+    /// True steering angle per reported one.
+    pub steering_gain: f64,
+    /// Added to the steering angle after the gain: a wheel that is not straight at 0.
+    pub steering_bias_rad: f64,
+    /// Systematic errors of the speed, and of the turn that the corrected steering angle gives.
+    pub correction: Correction,
+    /// Noise in proportion to what the tracked point drives and turns, beside the constant noise.
+    pub proportional: Proportional,
 }
 
 impl Default for Ackermann {
@@ -47,8 +57,32 @@ impl Default for Ackermann {
             speed_std_m_per_s: 1.0,
             steering_std_rad: 0.05,
             lateral_std_m_per_s: 0.0,
-            noise_period_s: Some(0.025),
+            noise_period_s: None,
+            steering_gain: 1.0,
+            steering_bias_rad: 0.0,
+            correction: Correction::default(),
+            proportional: Proportional::default(),
         }
+    }
+}
+
+impl Ackermann {
+    /// Velocity (forward, left, turn) of the tracked point, from the true speed of the encoder's wheel, the true
+    /// steering angle and the slip.
+    fn velocity<R: Real>(&self, [speed, steering, slip]: [R; 3]) -> [R; 3] {
+        let constant = R::constant;
+        let (sine, cosine) = steering.sin_cos();
+        // v_c / cos α and ω, multiplied out so that a wheel turned by 90° needs no tangent.
+        let denominator = constant(self.wheelbase_m) * cosine - constant(self.encoder_left_m) * sine;
+        let center_speed = speed * constant(self.wheelbase_m) * cosine / denominator;
+        let steered = speed * sine / denominator;
+        let turned = steered * constant(self.correction.turn_gain);
+        let yaw_rate = turned + constant(self.correction.yaw_rate_bias_rad_per_s);
+        [
+            center_speed - yaw_rate * constant(self.sensor_left_m),
+            yaw_rate * constant(self.sensor_ahead_m) + slip,
+            yaw_rate,
+        ]
     }
 }
 
@@ -57,29 +91,17 @@ impl MotionModel for Ackermann {
         ControlTiming::Held
     }
 
-    fn condition(&self, control: [f64; 3], dt_s: f64) -> ConditionedControl {
-        let std = |value| white_noise_std(value, self.noise_period_s, dt_s);
-        ConditionedControl {
-            mean: [control[0], control[1], 0.0],
-            std: [std(self.speed_std_m_per_s), std(self.steering_std_rad), std(self.lateral_std_m_per_s)],
-            dt_s,
-        }
-    }
-
-    #[inline(always)]
-    fn relative_motion<R: Real>(&self, [speed, steering, lateral]: [R; 3], dt_s: f64) -> Pose<R> {
-        let constant = R::constant;
-        let (sine, cosine) = steering.sin_cos();
-        // v_c / cos α and ω, multiplied out so that a wheel turned by 90° needs no tangent.
-        let denominator = constant(self.wheelbase_m) * cosine - constant(self.encoder_left_m) * sine;
-        let center_speed = speed * constant(self.wheelbase_m) * cosine / denominator;
-        let yaw_rate = speed * sine / denominator;
-        let dt = constant(dt_s);
-        Pose::from_twist(
-            (center_speed - yaw_rate * constant(self.sensor_left_m)) * dt,
-            (yaw_rate * constant(self.sensor_ahead_m) + lateral) * dt,
-            yaw_rate * dt,
-        )
+    fn row(&self, control: [f64; 3], row_s: f64) -> RowMotion {
+        let true_control =
+            [self.correction.distance_gain * control[0], self.steering_gain * control[1] + self.steering_bias_rad, 0.0];
+        let velocity = self.velocity(std::array::from_fn(|i| Dual::<3>::variable(true_control[i], i)));
+        let twist = velocity.map(|rate| rate.value * row_s);
+        let gathered = integrated(self.noise_period_s, row_s);
+        let by_control = velocity.map(|rate| rate.gradient);
+        let stds = [self.speed_std_m_per_s, self.steering_std_rad, self.lateral_std_m_per_s];
+        let by_noise =
+            [0, 1, 2].map(|i| symmetrized(&transform3(&by_control, &variance_of(i, stds[i] * stds[i] * gathered))));
+        RowMotion::new(twist, by_noise).adding(self.proportional.variances(twist))
     }
 
     fn validate(&self) -> Result<()> {
@@ -87,7 +109,11 @@ impl MotionModel for Ackermann {
         finite("encoder_left_m", self.encoder_left_m)?;
         finite("sensor_ahead_m", self.sensor_ahead_m)?;
         finite("sensor_left_m", self.sensor_left_m)?;
-        positive("speed_std_m_per_s", self.speed_std_m_per_s)?;
+        gain("steering_gain", self.steering_gain)?;
+        finite("steering_bias_rad", self.steering_bias_rad)?;
+        self.correction.validate()?;
+        self.proportional.validate()?;
+        self.proportional.or_positive("speed_std_m_per_s", self.speed_std_m_per_s)?;
         non_negative("steering_std_rad", self.steering_std_rad)?;
         non_negative("lateral_std_m_per_s", self.lateral_std_m_per_s)?;
         if self.encoder_left_m.abs() >= self.wheelbase_m {
@@ -100,22 +126,34 @@ impl MotionModel for Ackermann {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::Pose;
 
     #[test]
     fn driving_straight_moves_the_laser_straight() {
-        let motion = Ackermann::default().relative_motion([2.0, 0.0, 0.0], 0.5);
+        let motion = Ackermann::default().row([2.0, 0.0, 0.0], 0.5).part(1.0).mean;
         assert_eq!(motion, Pose::new(1.0, 0.0, 0.0));
     }
 
     #[test]
-    fn the_published_rates_come_out_for_a_short_step() {
-        let car = Ackermann::default();
-        let (v_e, alpha, dt) = (3.0_f64, 0.3_f64, 1e-6);
+    fn the_published_rates_come_out() {
+        let (v_e, alpha, dt) = (3.0_f64, 0.3_f64, 0.1);
         let v_c = v_e / (1.0 - alpha.tan() * 0.76 / 2.83);
         let omega = v_c / 2.83 * alpha.tan();
-        let motion = car.relative_motion([v_e, alpha, 0.0], dt);
-        assert!((motion.x / dt - (v_c - omega * 0.5)).abs() < 1e-4);
-        assert!((motion.y / dt - omega * 3.78).abs() < 1e-4);
-        assert!((motion.heading / dt - omega).abs() < 1e-9);
+        let expected = [v_c - omega * 0.5, omega * 3.78, omega];
+        let twist = Ackermann::default().row([v_e, alpha, 0.0], dt).twist;
+        for (got, rate) in twist.iter().zip(expected) {
+            assert!((got - rate * dt).abs() < 1e-14, "{twist:?} against {expected:?}");
+        }
+    }
+
+    #[test]
+    fn gains_and_biases_act_on_what_is_reported() {
+        let plain = Ackermann::default();
+        let correction = Correction { distance_gain: 1.1, turn_gain: 0.5, yaw_rate_bias_rad_per_s: 0.02 };
+        let car = Ackermann { steering_gain: 0.8, steering_bias_rad: 0.05, correction, ..plain.clone() };
+        let (got, base) = (car.row([2.0, 0.25, 0.0], 0.4).twist, plain.row([2.2, 0.25, 0.0], 0.4).twist);
+        // 0.8 · 0.25 + 0.05 is the reported angle itself; the turn of the plain car is then halved and the bias added.
+        assert!((got[2] - (0.5 * base[2] + 0.008)).abs() < 1e-15);
+        assert!((got[0] - (base[0] + 0.5 * (base[2] - got[2]))).abs() < 1e-14);
     }
 }

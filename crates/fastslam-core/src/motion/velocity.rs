@@ -1,9 +1,8 @@
 //! Forward speed and yaw rate.
 
-use super::{validate_period, white_noise_std, ConditionedControl, ControlTiming, MotionModel};
-use crate::error::{non_negative, positive, Result};
-use crate::geometry::Pose;
-use crate::real::Real;
+use super::settings::{integrated, validate_period, variance_of};
+use super::{ControlTiming, Correction, MotionModel, Proportional, RowMotion};
+use crate::error::{non_negative, Result};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -24,6 +23,10 @@ pub struct Velocity {
     /// The standard deviations belong to a control held this long, and shrink with the root of a longer time (white
     /// noise). Without it they belong to each row, however long it lasts.
     pub noise_period_s: Option<f64>,
+    /// Systematic errors of the odometry.
+    pub correction: Correction,
+    /// Noise in proportion to what was driven and turned, beside the constant noise.
+    pub proportional: Proportional,
 }
 
 impl Default for Velocity {
@@ -32,7 +35,9 @@ impl Default for Velocity {
             speed_std_m_per_s: 0.1,
             yaw_rate_std_rad_per_s: 0.05,
             lateral_std_m_per_s: 0.0,
-            noise_period_s: Some(0.1),
+            noise_period_s: None,
+            correction: Correction::default(),
+            proportional: Proportional::default(),
         }
     }
 }
@@ -42,23 +47,22 @@ impl MotionModel for Velocity {
         ControlTiming::Held
     }
 
-    fn condition(&self, control: [f64; 3], dt_s: f64) -> ConditionedControl {
-        let std = |value| white_noise_std(value, self.noise_period_s, dt_s);
-        ConditionedControl {
-            mean: [control[0], control[1], 0.0],
-            std: [std(self.speed_std_m_per_s), std(self.yaw_rate_std_rad_per_s), std(self.lateral_std_m_per_s)],
-            dt_s,
-        }
-    }
-
-    #[inline(always)]
-    fn relative_motion<R: Real>(&self, [speed, yaw_rate, lateral]: [R; 3], dt_s: f64) -> Pose<R> {
-        let dt = R::constant(dt_s);
-        Pose::from_twist(speed * dt, lateral * dt, yaw_rate * dt)
+    fn row(&self, control: [f64; 3], row_s: f64) -> RowMotion {
+        let twist = self.correction.truth_of([control[0] * row_s, 0.0, control[1] * row_s], row_s);
+        let gathered = integrated(self.noise_period_s, row_s);
+        let noise = |coordinate, std: f64| variance_of(coordinate, std * std * gathered);
+        let by_noise = [
+            noise(0, self.speed_std_m_per_s),
+            noise(2, self.yaw_rate_std_rad_per_s),
+            noise(1, self.lateral_std_m_per_s),
+        ];
+        RowMotion::new(twist, by_noise).adding(self.proportional.variances(twist))
     }
 
     fn validate(&self) -> Result<()> {
-        positive("speed_std_m_per_s", self.speed_std_m_per_s)?;
+        self.correction.validate()?;
+        self.proportional.validate()?;
+        self.proportional.or_positive("speed_std_m_per_s", self.speed_std_m_per_s)?;
         non_negative("yaw_rate_std_rad_per_s", self.yaw_rate_std_rad_per_s)?;
         non_negative("lateral_std_m_per_s", self.lateral_std_m_per_s)?;
         validate_period(self.noise_period_s)

@@ -59,8 +59,12 @@ fn sightings_at(t: usize, robot: [f64; 2], stream: Stream) -> Vec<(usize, [f64; 
 /// What the filter is told about this world.
 pub fn config(algorithm: Algorithm, particles: u32, seed: u64) -> Config {
     let mut config = Config { seed, algorithm, ..Config::default() };
-    config.motion =
-        Motion::Increments(Increments { x_std_m: MOTION_STD_M[0], y_std_m: MOTION_STD_M[1], heading_std_rad: 0.0 });
+    config.motion = Motion::Increments(Increments {
+        x_std_m: MOTION_STD_M[0],
+        y_std_m: MOTION_STD_M[1],
+        heading_std_rad: 0.0,
+        ..Increments::default()
+    });
     config.filter.particles = particles;
     // A Cartesian sighting is as good near the sensor as far from it.
     config.sensor.min_range_m = 1e-9;

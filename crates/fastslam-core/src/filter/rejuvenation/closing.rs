@@ -280,7 +280,7 @@ mod tests {
             truth = truth.compose(Pose::new(1.0 + 0.01 * a, 0.0, turn + 0.02 * b));
             dead = dead.compose(told);
             poses.push(dead);
-            history.moved(|_| MotionGaussian { mean: told, covariance });
+            history.moved(&MotionGaussian { mean: told, covariance });
             let round = step / (STEPS / 2);
             let mut scan = Vec::new();
             let mut births = Vec::new();

@@ -400,7 +400,7 @@ mod tests {
         let (start, landmarks) = (Pose::new(0.1, -0.2, 0.05), [[4.0, 3.0], [2.0, -3.0]]);
         let (mut pose, mut poses) = (start, Vec::new());
         for step in 0..6_u32 {
-            history.moved(|_| MotionGaussian { mean, covariance });
+            history.moved(&MotionGaussian { mean, covariance });
             pose = pose.compose(mean);
             let off = f64::from(step % 3) - 1.0;
             poses.push(Pose::new(pose.x + 0.1 * off, pose.y - 0.05, pose.heading + 0.03 * off));

@@ -59,9 +59,9 @@ impl History {
         Self { tips: vec![NONE; particles], ..Self::default() }
     }
 
-    /// The robot moved; `extend` adds the motion to what it is given.
-    pub fn moved(&mut self, extend: impl FnOnce(&MotionGaussian) -> MotionGaussian) {
-        self.pending = extend(&self.pending);
+    /// The robot moved.
+    pub fn moved(&mut self, motion: &MotionGaussian) {
+        self.pending = self.pending.then(motion);
     }
 
     /// A pose was added to every path.

@@ -21,6 +21,7 @@ use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, Gaussian};
 use crate::math;
 use crate::measurement::MeasurementModel;
+use crate::motion::MotionGaussian;
 use crate::random::{Purpose, Stream};
 use crate::vector::vectorized;
 use closing::Closing;
@@ -49,10 +50,9 @@ impl Rejuvenation {
 
 impl<M: MeasurementModel> FastSlam<M> {
     /// Remembers a control.
-    pub(super) fn remember_motion(&mut self, control: [f64; 3], dt_s: f64) {
+    pub(super) fn remember_motion(&mut self, motion: &MotionGaussian) {
         if let Some(rejuvenation) = &mut self.rejuvenation {
-            let motion = &self.config.motion;
-            rejuvenation.history.moved(|pending| motion.extend(pending, control, dt_s));
+            rejuvenation.history.moved(motion);
         }
     }
 
