@@ -16,7 +16,7 @@ from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation import evaluate, evaluate_run
 from fastslam.log import Log
 from fastslam.plots.map import class_color, landmark_groups
-from fastslam.result import LandmarkMap
+from fastslam.result import LandmarkMap, RunResult
 from fastslam.resultfiles import read_result, write_result
 from fastslam.simulation import presets, simulate
 
@@ -78,15 +78,27 @@ def interleaved_cones(seed: int) -> Log:
     return replace(log, config={key: log.config[key] for key in ("motion", "sensor", "initial_pose")})
 
 
+def error_within_pairs_m(result: RunResult, log: Log) -> float:
+    """How far the vectors from blue cone to yellow one are off, root mean square: drift cancels."""
+    aligned = evaluate_run(result, log).T_truth_world
+    assert aligned is not None and log.truth_landmarks is not None
+    mapped_m = aligned.apply_points(result.landmarks.mean_m[result.landmarks.confirmed])
+    true_m = log.truth_landmarks.position_m
+    found_m = mapped_m[np.hypot(*np.moveaxis(mapped_m - true_m[:, None], -1, 0)).argmin(axis=1)]
+    off_m = (found_m - true_m)[1::2] - (found_m - true_m)[::2]
+    assert len(off_m) == 50
+    return float(np.sqrt(np.mean(np.sum(off_m**2, axis=1))))
+
+
 def test_colour_resolves_what_position_confuses() -> None:
     by_place = merge(life_by_bayes(0.01), {"association": {"detection_probability": 0.9}})
     by_colour = merge(by_place, {"association": {"classes": {"number": 2, "correct_probability": 0.95}}})
     errors_m: dict[str, list[float]] = {"place": [], "colour": []}
-    for seed in (1, 2, 3, 4):
+    for seed in range(1, 9):
         log = interleaved_cones(seed)
         for name, config in (("place", by_place), ("colour", by_colour)):
             result = fastslam.run(log, config)
-            errors_m[name].append(evaluate(result, log)["landmark_rmse_m"])
+            errors_m[name].append(error_within_pairs_m(result, log))
             assert (result.landmarks.class_index is not None) == (name == "colour")
         # Cones come in pairs, the blue one first: of those found, all but a few have their true colour.
         assert result.landmarks.class_index is not None and log.truth_landmarks is not None
@@ -96,8 +108,9 @@ def test_colour_resolves_what_position_confuses() -> None:
         true_class = np.hypot(*np.moveaxis(offset_m, -1, 0)).argmin(axis=1) % 2
         confirmed = result.landmarks.confirmed
         assert np.mean((true_class == result.landmarks.class_index)[confirmed]) > 0.9
-    # Measured: 0.089 m by place, 0.044 m by colour.
-    assert np.median(errors_m["colour"]) < 0.7 * np.median(errors_m["place"]), errors_m
+    # Measured over 24 worlds: 0.083 m by place, 0.037 m by colour. In 5 of them colour loses a cone, and is
+    # as bad. The error of the whole map is no measure: it is drift, and the same for both.
+    assert np.median(errors_m["colour"]) < 0.6 * np.median(errors_m["place"]), errors_m
 
 
 @pytest.mark.parametrize("identities", ["none", "all"])

@@ -89,16 +89,26 @@ def test_a_log_without_sightings_is_dead_reckoning_and_says_so(cases: Path) -> N
     assert result.trajectory.stamp_s[-1] == pytest.approx(log.controls.stamp_s[-1])
 
 
-@pytest.mark.parametrize(
-    ("case", "landmarks", "rmse_m"), [("01-mrpt-kf-slam-demo", 70, 0.01), ("02-mrpt909-behind", 47, 0.1)]
-)
-def test_sound_logs_give_their_map(cases: Path, case: str, landmarks: int, rmse_m: float) -> None:
-    log = load(cases / case)
+def test_a_sound_log_gives_its_map(cases: Path) -> None:
+    log = load(cases / "01-mrpt-kf-slam-demo")
     assert log.problems == () and log.notes == ()
     result = run(log, {"association": {"mode": "unknown"}})
-    assert len(result.landmarks.ids) == landmarks
-    metrics = evaluate(result, log)
-    assert metrics["landmark_rmse_m"] < rmse_m
+    assert len(result.landmarks.ids) == 70
+    assert evaluate(result, log)["landmark_rmse_m"] < 0.01
+
+
+def test_a_loop_of_a_sound_log_is_closed_whatever_the_draws(cases: Path) -> None:
+    # The plain filter maps all twice for two seeds in five; with rejuvenation (docs/tuning.md) for none.
+    log = load(cases / "02-mrpt909-behind")
+    assert log.problems == () and log.notes == ()
+    counts = []
+    for seed in range(5):
+        settings = {"association": {"mode": "unknown"}, "filter": {"rejuvenation": {"every_steps": 100}}}
+        result = run(log, {"seed": seed, **settings})
+        counts.append(len(result.landmarks.ids))
+        # Measured over ten seeds: 0.016 m at most, one of them with a landmark too many.
+        assert evaluate(result, log)["landmark_rmse_m"] < 0.05
+    assert sorted(counts)[2] == 47 and max(counts) <= 48 and min(counts) >= 47, counts
 
 
 FOREIGN = {
