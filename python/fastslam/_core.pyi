@@ -45,6 +45,7 @@ def run(
     progress: Callable[[int, int], None] | None = None,
     class_index: Ints | None = None,
     signature: Floats | None = None,
+    control_covariance: Floats | None = None,
 ) -> dict[str, Any]:
     """Runs the filter over a log. ValueError for a bad log, RuntimeError when the filter cannot go on."""
 

@@ -26,7 +26,8 @@ class Controls:
 
     `covariance` (N, 6) is that of each row of `odometry` and `increments`, as the upper triangle (xx, xy, xh,
     yy, yh, hh) in m², m·rad and rad² in the frame of `values`, where the source knows it; None or NaN leaves
-    it to the motion settings.
+    it to the motion settings. It stands in place of all noise in them (`proportional` too), and is widened
+    where no diffusion is as narrow (`docs/equations.md`).
 
     Shapes: `stamp_s` (N,) strictly increasing; `values` (N, 2) or (N, 3).
     """

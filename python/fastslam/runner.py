@@ -103,6 +103,7 @@ def run(
                 progress=progress,
                 class_index=sightings.class_index,
                 signature=sightings.signature,
+                control_covariance=controls.covariance,
             )
     except ValueError as error:
         raise DataError(str(error), log.source) from None

@@ -158,6 +158,21 @@ pub fn transform3(j: &Matrix3, s: &Matrix3) -> Matrix3 {
     std::array::from_fn(|i| std::array::from_fn(|k| (0..3).map(|l| js[i][l] * j[k][l]).sum()))
 }
 
+/// Whether it is finite and symmetric and has no negative direction, to rounding.
+pub fn is_covariance3(c: &Matrix3) -> bool {
+    // All minors; rounding is in proportion to the entries.
+    let minor = |i: usize, j: usize| c[i][i] * c[j][j] - c[i][j] * c[i][j] >= -1e-12 * c[i][i] * c[j][j];
+    let determinant = c[0][0] * (c[1][1] * c[2][2] - c[1][2] * c[1][2])
+        - c[0][1] * (c[0][1] * c[2][2] - c[1][2] * c[0][2])
+        + c[0][2] * (c[0][1] * c[1][2] - c[1][1] * c[0][2]);
+    c.iter().flatten().all(|v| v.is_finite())
+        && (0..3).all(|i| c[i][i] >= 0.0 && (0..i).all(|j| c[i][j] == c[j][i]))
+        && minor(0, 1)
+        && minor(0, 2)
+        && minor(1, 2)
+        && determinant >= -1e-12 * c[0][0] * c[1][1] * c[2][2]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,7 +2,7 @@
 //!
 //! Each returns the number of cases that it saw, so that a test can assert that there were any.
 
-use crate::geometry::Pose;
+use crate::geometry::{is_covariance3, Pose};
 use crate::measurement::MeasurementModel;
 use crate::motion::{ControlTiming, MotionGaussian, MotionModel, RowMotion};
 use crate::random::{Purpose, RandomSource};
@@ -99,16 +99,8 @@ pub fn check_motion_model<M: MotionModel>(model: &M) -> Result<usize, Nonconform
 
 fn check_diffusion(row: &RowMotion) -> Result<(), Nonconformance> {
     let c = &row.diffusion();
-    let finite = row.twist.iter().chain(c.iter().flatten()).all(|v| v.is_finite());
-    let symmetric = (0..3).all(|i| (0..i).all(|j| c[i][j] == c[j][i]));
-    // All minors of a symmetric matrix without a negative direction; rounding is in proportion to its entries.
-    let minor = |i: usize, j: usize| c[i][i] * c[j][j] - c[i][j] * c[i][j] >= -1e-12 * c[i][i] * c[j][j];
-    let determinant = c[0][0] * (c[1][1] * c[2][2] - c[1][2] * c[1][2])
-        - c[0][1] * (c[0][1] * c[2][2] - c[1][2] * c[0][2])
-        + c[0][2] * (c[0][1] * c[1][2] - c[1][1] * c[0][2]);
-    let whole = determinant >= -1e-12 * c[0][0] * c[1][1] * c[2][2];
-    let definite = (0..3).all(|i| c[i][i] >= 0.0) && minor(0, 1) && minor(0, 2) && minor(1, 2) && whole;
-    expect(finite && symmetric && definite, || format!("{c:?} is no covariance"))
+    let finite = row.twist.iter().all(|v| v.is_finite());
+    expect(finite && is_covariance3(c), || format!("{:?} with {c:?}, which is no covariance", row.twist))
 }
 
 /// Cuts a row at some shares of it and compares what the parts make with the whole.

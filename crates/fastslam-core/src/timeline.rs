@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::filter::Sighting;
+use crate::geometry::{is_covariance3, Matrix3};
 use crate::motion::{ControlTiming, RowPart};
 
 /// A log as the filter reads it. All stamps in seconds.
@@ -11,6 +12,9 @@ pub struct LogData {
     pub control_stamps_s: Vec<f64>,
     /// Controls, in the columns of the motion model.
     pub controls: Vec<[f64; 3]>,
+    /// Covariance of (x, y, heading) that the log states for each row, in the frame of its start, in place of the noise
+    /// that the motion model is configured with. Empty where no row has one.
+    pub control_covariances: Vec<Option<Matrix3>>,
     /// Stamps of the sightings, ascending; equal stamps are one step.
     pub sighting_stamps_s: Vec<f64>,
     /// The sightings.
@@ -36,8 +40,26 @@ impl LogData {
             let (control, most) = (self.controls[i], Error::LARGEST_CONTROL);
             return Err(Error::Input(format!("control {i} is {control:?}: expected finite numbers, at most {most:e}")));
         }
+        self.check_covariances()?;
         ascending(&self.control_stamps_s, "control", |a, b| a < b)?;
         ascending(&self.sighting_stamps_s, "sighting", |a, b| a <= b)
+    }
+
+    fn check_covariances(&self) -> Result<()> {
+        let (rows, controls) = (self.control_covariances.len(), self.controls.len());
+        if rows > 0 && rows != controls {
+            return Err(Error::Input(format!("controls: {rows} covariances for {controls} rows")));
+        }
+        let wrong = |stated: &Option<Matrix3>| stated.is_some_and(|c| !is_covariance3(&c));
+        match self.control_covariances.iter().position(wrong) {
+            Some(i) => {
+                let stated = self.control_covariances[i].unwrap_or_default();
+                Err(Error::Input(format!(
+                    "covariance of control {i} is {stated:?}: expected one without negative directions"
+                )))
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -186,12 +208,11 @@ impl<'a> Timeline<'a> {
                 (index, index.checked_sub(1).map_or(self.start_s, |before| stamps[before]), row_end_s)
             }
         };
-        let (control, row_s) = (self.log.controls[index], row_end_s - row_start_s);
-        if row_s <= 0.0 {
-            return Some(Event::Control(RowPart::whole(control, 0.0)));
-        }
-        let share = (until_s - from_s) / row_s;
-        (share > 0.0).then_some(Event::Control(RowPart { control, row_s, share }))
+        let row_s = (row_end_s - row_start_s).max(0.0);
+        let share = if row_s > 0.0 { (until_s - from_s) / row_s } else { 1.0 };
+        let covariance = self.log.control_covariances.get(index).copied().flatten();
+        let control = self.log.controls[index];
+        (share > 0.0).then_some(Event::Control(RowPart { control, row_s, share, covariance }))
     }
 
     /// Stamp at which the present control ends.
@@ -260,6 +281,7 @@ mod tests {
             controls: controls.iter().map(|c| c.1).collect(),
             sighting_stamps_s: sightings.to_vec(),
             sightings: vec![sighting(); sightings.len()],
+            ..LogData::default()
         }
     }
 
@@ -375,6 +397,36 @@ mod tests {
         let rows: Vec<(f64, f64)> = parts.iter().map(|p| (p.control[0], p.row_s)).collect();
         assert_eq!(rows, [(1.0, 2.0), (1.0, 2.0), (1.0, 2.0), (2.0, 1.0), (2.0, 1.0)]);
         assert_eq!(parts.iter().map(|p| p.share).collect::<Vec<_>>(), [0.25, 0.375, 0.375, 0.75, 0.25]);
+    }
+
+    #[test]
+    fn a_part_has_the_covariance_that_its_row_states() {
+        let mut log = log(&[(0.0, [0.0; 3]), (1.0, [1.0, 0.0, 0.0]), (2.0, [1.0, 0.0, 0.0])], &[0.5, 1.5]);
+        let stated = [[0.04, 0.0, 0.0], [0.0, 0.01, 0.002], [0.0, 0.002, 0.01]];
+        log.control_covariances = vec![None, Some(stated), None];
+        assert_eq!(log.validate(), Ok(()));
+        let parts = Timeline::new(&log, ControlTiming::Increment, 5.0).filter_map(|event| match event {
+            Event::Control(part) => Some(part.covariance),
+            Event::Step { .. } => None,
+        });
+        assert_eq!(parts.collect::<Vec<_>>(), [None, Some(stated), Some(stated), None, None]);
+    }
+
+    #[test]
+    fn a_covariance_that_is_none_is_an_error_that_names_the_row() {
+        let mut log = log(&[(0.0, [0.0; 3]), (1.0, [0.0; 3])], &[]);
+        let message = |log: &LogData| log.validate().unwrap_err().to_string();
+        log.control_covariances = vec![None];
+        assert_eq!(message(&log), "controls: 1 covariances for 2 rows");
+        let diagonal = |x: f64, y: f64| [[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, 0.0]];
+        let across = [[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let skew = [[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        for wrong in [diagonal(-1.0, 1.0), diagonal(f64::NAN, 1.0), diagonal(f64::INFINITY, 1.0), across, skew] {
+            log.control_covariances = vec![Some(diagonal(0.0, 1.0)), Some(wrong)];
+            assert!(message(&log).starts_with("covariance of control 1 is [["), "{}", message(&log));
+        }
+        log.control_covariances = vec![Some(diagonal(0.0, 0.0)), None];
+        assert_eq!(log.validate(), Ok(()));
     }
 
     #[test]

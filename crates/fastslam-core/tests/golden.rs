@@ -3,24 +3,12 @@
 //! After a change that is meant to alter them: `FASTSLAM_REFRESH_GOLDEN=1 cargo test -p fastslam-core --test golden`,
 //! and say in the review why the numbers moved.
 
+use crate::blind::Blind;
 use fastslam_core::config::{Algorithm, Config};
-use fastslam_core::run::{run, Observer};
+use fastslam_core::run::run;
 use fastslam_sim::{simulate, Identities, SimulationConfig};
 use serde_json::{json, Map, Value};
 use std::path::PathBuf;
-
-/// Watches nothing; time stands still.
-struct Blind;
-
-impl Observer for Blind {
-    fn now_s(&self) -> f64 {
-        0.0
-    }
-
-    fn step_done(&mut self, _done: usize) -> bool {
-        true
-    }
-}
 
 /// How far each field may lie off: counts not at all; the rest by what rounding in another order or another compiler
 /// makes of numbers of this size over 30 steps (about 1e-12 relative), with room to spare.

@@ -1,22 +1,10 @@
 //! Runs over whole logs whose rows are cut in more or fewer parts: what comes out must be the same.
 
+use crate::blind::Blind;
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::motion::{Ackermann, Correction, Increments, Motion, Odometry, Proportional, Velocity};
-use fastslam_core::run::{run, Observer, RunOutput};
+use fastslam_core::run::{run, RunOutput};
 use fastslam_sim::{simulate, SimulatedLog, SimulationConfig};
-
-/// Watches nothing; time stands still.
-struct Blind;
-
-impl Observer for Blind {
-    fn now_s(&self) -> f64 {
-        0.0
-    }
-
-    fn step_done(&mut self, _done: usize) -> bool {
-        true
-    }
-}
 
 const CORRECTION: Correction = Correction { distance_gain: 1.05, turn_gain: 0.8, yaw_rate_bias_rad_per_s: 0.01 };
 const PROPORTIONAL: Proportional = Proportional {
@@ -57,12 +45,16 @@ fn log_of(motion: Motion) -> SimulatedLog {
     simulate(&simulation).unwrap()
 }
 
-fn run_with(log: &SimulatedLog, algorithm: Algorithm, path_period_s: f64, seed: u64) -> RunOutput {
+fn config_for(log: &SimulatedLog, algorithm: Algorithm, path_period_s: f64, seed: u64) -> Config {
     let mut config =
         Config { seed, algorithm, motion: log.motion.clone(), sensor: log.sensor.clone(), ..Config::default() };
     config.filter.particles = 20;
     config.filter.path_period_s = path_period_s;
-    run(&config, &log.log_data(), &mut Blind).unwrap()
+    config
+}
+
+fn run_with(log: &SimulatedLog, algorithm: Algorithm, path_period_s: f64, seed: u64) -> RunOutput {
+    run(&config_for(log, algorithm, path_period_s, seed), &log.log_data(), &mut Blind).unwrap()
 }
 
 fn evidence(output: &RunOutput) -> f64 {
@@ -113,5 +105,52 @@ fn the_period_of_the_path_changes_samples_only_by_chance() {
         let (whole, cut) = (moments(5.0), moments(0.1));
         let bound = 4.0 * (whole.1 + cut.1).sqrt();
         assert!((whole.0 - cut.0).abs() < bound, "{:?}: {whole:?} against {cut:?}", log.motion);
+    }
+}
+
+#[test]
+fn a_covariance_that_rows_state_stands_in_place_of_the_configured_noise() {
+    let told = Increments { x_std_m: 0.03, y_std_m: 0.04, heading_std_rad: 0.02, ..Increments::default() };
+    let stated = [[0.03_f64 * 0.03, 0.0, 0.0], [0.0, 0.04 * 0.04, 0.0], [0.0, 0.0, 0.02 * 0.02]];
+    let log = log_of(Motion::Increments(told));
+    for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2, Algorithm::Ekf] {
+        let mut config = config_for(&log, algorithm, 0.3, 1);
+        let mut data = log.log_data();
+        let by_config = evidence(&run(&config, &data, &mut Blind).unwrap());
+        config.motion = Motion::Increments(Increments {
+            x_std_m: 0.5,
+            heading_std_rad: 0.3,
+            proportional: PROPORTIONAL,
+            ..Increments::default()
+        });
+        let by_other = evidence(&run(&config, &data, &mut Blind).unwrap());
+        data.control_covariances = vec![Some(stated); data.controls.len()];
+        let output = run(&config, &data, &mut Blind).unwrap();
+        assert!(
+            (evidence(&output) - by_config).abs() < 1e-9,
+            "{algorithm:?}: {} against {by_config}",
+            evidence(&output)
+        );
+        assert!((by_other - by_config).abs() > 1.0, "{algorithm:?}: the noise does not matter here");
+        // Every second row states it: the others have the noise of the configuration.
+        (0..data.controls.len()).step_by(2).for_each(|i| data.control_covariances[i] = None);
+        let mixed = evidence(&run(&config, &data, &mut Blind).unwrap());
+        assert!((mixed - by_config).abs() > 1.0 && (mixed - by_other).abs() > 1.0, "{algorithm:?}: {mixed}");
+    }
+}
+
+#[test]
+fn rows_that_state_their_covariance_may_be_cut_and_may_be_certain() {
+    let log = log_of(Motion::Increments(Increments::default()));
+    let stated = [[0.01, 0.002, 0.001], [0.002, 0.02, 0.003], [0.001, 0.003, 0.004]];
+    for algorithm in [Algorithm::Fastslam2, Algorithm::Ekf] {
+        let run_cut = |covariance, path_period_s| {
+            let mut data = log.log_data();
+            data.control_covariances = vec![Some(covariance); data.controls.len()];
+            evidence(&run(&config_for(&log, algorithm, path_period_s, 1), &data, &mut Blind).unwrap())
+        };
+        let (whole, cut) = (run_cut(stated, 5.0), run_cut(stated, 0.05));
+        assert!((whole - cut).abs() < 1e-9, "{algorithm:?}: {whole} against {cut}");
+        assert!(run_cut([[0.0; 3]; 3], 5.0).is_finite());
     }
 }

@@ -1,27 +1,15 @@
 //! Drawing all particles anew from the posterior over paths.
 
+use crate::blind::Blind;
 use crate::linear_world::{self, exact, sighting, LANDMARKS, MODEL};
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::geometry::Pose;
 use fastslam_core::motion::Motion;
-use fastslam_core::run::{run, Observer, RunOutput};
+use fastslam_core::run::{run, RunOutput};
 use fastslam_core::store::StoreKind;
 use fastslam_core::timeline::LogData;
 use fastslam_sim::{simulate, SimulatedLog, SimulationConfig};
-
-/// Watches nothing; time stands still.
-struct Blind;
-
-impl Observer for Blind {
-    fn now_s(&self) -> f64 {
-        0.0
-    }
-
-    fn step_done(&mut self, _done: usize) -> bool {
-        true
-    }
-}
 
 #[test]
 fn in_a_linear_world_the_draws_are_those_of_the_exact_posterior() {

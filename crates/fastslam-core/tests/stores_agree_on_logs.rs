@@ -1,26 +1,14 @@
 //! Whole runs give the same bits whichever store holds the maps.
 
+use crate::blind::Blind;
 use fastslam_core::config::{
     Algorithm, AssociationMode, Classes, Config, ExistenceForm, MergingRule, Method, Removal, Signatures,
 };
 use fastslam_core::resampling::ResamplingScheme;
-use fastslam_core::run::{run, Observer, RunOutput};
+use fastslam_core::run::{run, RunOutput};
 use fastslam_core::store::StoreKind;
 use fastslam_core::timeline::LogData;
 use fastslam_sim::{simulate, Identities, Signature, SimulationConfig};
-
-/// Watches nothing; time stands still.
-struct Blind;
-
-impl Observer for Blind {
-    fn now_s(&self) -> f64 {
-        0.0
-    }
-
-    fn step_done(&mut self, _done: usize) -> bool {
-        true
-    }
-}
 
 /// Every store that this build knows, by its name in a configuration.
 fn stores() -> Vec<StoreKind> {

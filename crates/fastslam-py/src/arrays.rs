@@ -2,7 +2,7 @@
 
 use fastslam_core::association::Appearance;
 use fastslam_core::filter::Sighting;
-use fastslam_core::geometry::Symmetric2;
+use fastslam_core::geometry::{Matrix3, Symmetric2};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -15,6 +15,20 @@ pub fn controls(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; 3]>> {
         return Err(PyValueError::new_err(format!("controls: got {columns} columns, expected 2 or 3")));
     }
     Ok(view.rows().into_iter().map(|r| [r[0], r[1], if columns == 3 { r[2] } else { 0.0 }]).collect())
+}
+
+/// Covariances of rows as upper triangles (xx, xy, xh, yy, yh, hh); NaN means that a row has none.
+pub fn control_covariances(array: Option<&PyReadonlyArray2<'_, f64>>) -> PyResult<Vec<Option<Matrix3>>> {
+    let Some(view) = array.map(|a| a.as_array()) else { return Ok(Vec::new()) };
+    if view.ncols() != 6 {
+        return Err(PyValueError::new_err(format!(
+            "covariances of controls: got {} columns, expected 6",
+            view.ncols()
+        )));
+    }
+    let matrix = |r: [f64; 6]| [[r[0], r[1], r[2]], [r[1], r[3], r[4]], [r[2], r[4], r[5]]];
+    let triangles = view.rows().into_iter().map(|row| std::array::from_fn(|k| row[k]));
+    Ok(triangles.map(|r: [f64; 6]| (!r.iter().any(|v| v.is_nan())).then(|| matrix(r))).collect())
 }
 
 /// What sightings look like, as columns: class −1 means none, a signature of NaN none.

@@ -48,7 +48,7 @@ impl Observer for Progress {
 /// Runs the filter over a log. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
 /// been computed; any other exception of `progress` is raised.
 #[pyfunction]
-#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None))]
+#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None))]
 #[allow(clippy::too_many_arguments)] // One array per column of a log.
 pub fn run<'py>(
     py: Python<'py>,
@@ -63,11 +63,13 @@ pub fn run<'py>(
     progress: Option<Py<PyAny>>,
     class_index: Option<PyReadonlyArray1<'py, i64>>,
     signature: Option<PyReadonlyArray1<'py, f64>>,
+    control_covariance: Option<PyReadonlyArray2<'py, f64>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let config = config::parse(config_json)?;
     let log = LogData {
         control_stamps_s: control_stamps_s.as_array().to_vec(),
         controls: arrays::controls(&controls)?,
+        control_covariances: arrays::control_covariances(control_covariance.as_ref())?,
         sighting_stamps_s: sighting_stamps_s.as_array().to_vec(),
         sightings: arrays::sightings(
             &range_m,

@@ -47,6 +47,7 @@ impl SimulatedLog {
             controls: self.controls.clone(),
             sighting_stamps_s: self.sightings.stamp_s.clone(),
             sightings: (0..self.sightings.len()).map(|i| self.sightings.sighting(i)).collect(),
+            ..LogData::default()
         }
     }
 }

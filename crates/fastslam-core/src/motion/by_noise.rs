@@ -16,8 +16,8 @@ pub struct NoiseKeys {
     pub power: u8,
 }
 
-/// A motion with the covariances that its noises add, in the frame of its start; with the noise in
-/// proportion to the motion their sum is that of the motion.
+/// A motion with the covariances that its noises add, in the frame of its start; with what no key of a configuration
+/// sets alone ([`super::RowMotion::rest`]) their sum is that of the motion.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MotionByNoise {
     /// `T_start_now`.
@@ -89,7 +89,7 @@ mod tests {
             let (mut whole, mut apart) = (MotionGaussian::default(), MotionByNoise::default());
             for i in 0..20 {
                 let control = [0.3 + 0.02 * f64::from(i), 0.1 - 0.01 * f64::from(i), 0.05];
-                let part = RowPart { control, row_s: 0.15, share: 0.6 };
+                let part = RowPart { share: 0.6, ..RowPart::whole(control, 0.15) };
                 let (motion, by_noise) = model.with_noises(&part).unwrap();
                 whole = whole.then(&motion);
                 apart = apart.then(&by_noise);

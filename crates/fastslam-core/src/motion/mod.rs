@@ -112,6 +112,12 @@ impl Motion {
         dispatch!(self, m => m.row(control, row_s))
     }
 
+    /// What the whole row of a part says, with the covariance that the log states for it, if it does.
+    fn row_of(&self, part: &RowPart) -> RowMotion {
+        let row = self.row(part.control, part.row_s);
+        part.covariance.map_or(row, |stated| RowMotion::stating(row.twist, &stated))
+    }
+
     /// The noise-free motion `T_previous_current` of a whole row.
     pub fn mean_motion(&self, control: [f64; 3], row_s: f64) -> Pose {
         let [forward, left, turn] = self.row(control, row_s).twist;
@@ -123,7 +129,7 @@ impl Motion {
     /// **Errors:** [`Error::Input`] for a control that no robot could follow.
     pub fn of(&self, part: &RowPart) -> Result<MotionGaussian> {
         Error::check_control(part.control, part.row_s)?;
-        self.row(part.control, part.row_s).part(part.share).checked(part)
+        self.row_of(part).part(part.share).checked(part)
     }
 
     /// The motion of a part of a row, and what each noise adds to it.
@@ -131,7 +137,7 @@ impl Motion {
     /// **Errors:** as [`Self::of`].
     pub fn with_noises(&self, part: &RowPart) -> Result<(MotionGaussian, MotionByNoise)> {
         Error::check_control(part.control, part.row_s)?;
-        let (motion, covariances) = self.row(part.control, part.row_s).part_with_noises(part.share);
+        let (motion, covariances) = self.row_of(part).part_with_noises(part.share);
         Ok((motion.checked(part)?, MotionByNoise { mean: motion.mean, covariances }))
     }
 }

@@ -18,14 +18,14 @@ pub struct RowMotion {
     /// Covariances of (forward, left, turn) that gather over the row, in the frame of the robot on its way: one per
     /// entry of [`super::Motion::noises`]. Only their sum need be one.
     pub by_noise: [Matrix3; CONTROL_NOISES],
-    /// That of the noise in proportion to the motion.
-    pub proportional: Matrix3,
+    /// That of the rest: noise in proportion to the motion, or all of it where the log states a row's covariance.
+    pub rest: Matrix3,
 }
 
 impl RowMotion {
     /// A row whose noises gather these covariances.
     pub fn new(twist: [f64; 3], by_noise: [Matrix3; CONTROL_NOISES]) -> Self {
-        Self { twist, by_noise, proportional: Matrix3::default() }
+        Self { twist, by_noise, rest: Matrix3::default() }
     }
 
     /// A row whose end has the sum of the covariances `stated` of (x, y, heading) in the frame of its start.
@@ -37,22 +37,29 @@ impl RowMotion {
     pub fn reaching(twist: [f64; 3], stated: [Matrix3; CONTROL_NOISES], widening: usize) -> Self {
         let arc = Arc::new(twist);
         let mut by_noise: [Matrix3; CONTROL_NOISES] = stated.map(|noise| arc.diffusion_of(&noise).into());
-        let needed = Matrix3::from(Moments::from(&sum(&by_noise)).definite());
         let told = sum(&by_noise);
+        let needed = Matrix3::from(Moments::from(&told).definite());
         let wider = &mut by_noise[widening];
         (0..3).for_each(|i| (0..3).for_each(|j| wider[i][j] += needed[i][j] - told[i][j]));
         Self::new(twist, by_noise)
     }
 
+    /// A row whose end has the covariance `stated`, which no noise of a model explains; widened as in
+    /// [`Self::reaching`].
+    pub fn stating(twist: [f64; 3], stated: &Matrix3) -> Self {
+        let rest = Arc::new(twist).diffusion_of(stated).definite().into();
+        Self { twist, by_noise: Default::default(), rest }
+    }
+
     /// The same row with noise in proportion to it: variances (forward, left, turn) as gathered over the row.
     pub fn adding(mut self, variances: [f64; 3]) -> Self {
-        (0..3).for_each(|i| self.proportional[i][i] += variances[i]);
+        (0..3).for_each(|i| self.rest[i][i] += variances[i]);
         self
     }
 
     /// Covariance of (forward, left, turn) that gathers over the row, in the frame of the robot on its way.
     pub fn diffusion(&self) -> Matrix3 {
-        let [a, b] = [sum(&self.by_noise), self.proportional];
+        let [a, b] = [sum(&self.by_noise), self.rest];
         std::array::from_fn(|i| std::array::from_fn(|j| a[i][j] + b[i][j]))
     }
 

@@ -139,6 +139,21 @@ proptest! {
 }
 
 #[test]
+fn a_row_that_states_its_covariance_has_it_and_no_noise_explains_it() {
+    let stated = [[0.04, 0.01, 0.002], [0.01, 0.05, 0.004], [0.002, 0.004, 0.01]];
+    let correction = Correction { distance_gain: 1.1, ..Correction::default() };
+    let model = Motion::Increments(Increments { correction, ..Increments::default() });
+    let part = RowPart { covariance: Some(stated), ..RowPart::whole([1.0, 0.1, 0.2], 0.5) };
+    let (motion, by_noise) = model.with_noises(&part).unwrap();
+    assert!(worst(&motion.covariance, &stated) < 1e-15, "{motion:?}");
+    assert_eq!(by_noise.covariances, [[[0.0; 3]; 3]; 3]);
+    // The correction still holds: it says what was driven.
+    assert_eq!(motion.mean, model.of(&RowPart::whole([1.0, 0.1, 0.2], 0.5)).unwrap().mean);
+    let half = RowPart { share: 0.5, ..part };
+    assert!((model.of(&half).unwrap().covariance[2][2] - 0.005).abs() < 1e-15);
+}
+
+#[test]
 fn straight_rows_have_the_variances_of_the_documentation() {
     // A heading error that grows evenly over 2 m: half of it by the middle, L² σ² / 3 aside, L σ² / 2 with the heading.
     let velocity = Velocity { speed_std_m_per_s: 0.1, yaw_rate_std_rad_per_s: 0.06, ..Velocity::default() };
