@@ -4,6 +4,7 @@
 //! that they turn into vector code; the identities in their docs are those of `montemerlo2002fastslam`.
 
 pub use crate::density::{fit, fit_with_tail, Fit, Tail};
+pub use crate::gaussian::Gaussian;
 use crate::geometry::{Pose, Symmetric2};
 use crate::measurement::MeasurementModel;
 pub use crate::sighting::Measured;
@@ -29,15 +30,6 @@ pub mod column {
     /// One more than the identity that the landmark was seen with, 0 for none. Only in logs where some sightings have
     /// an identity and others have none.
     pub const IDENTITY: usize = 6;
-}
-
-/// A landmark's Gaussian in one map.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Gaussian {
-    /// Position in the world, metres.
-    pub mean: [f64; 2],
-    /// Square metres.
-    pub covariance: Symmetric2,
 }
 
 /// Poses of the sensor, one per particle, as columns.

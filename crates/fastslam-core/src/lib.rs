@@ -12,6 +12,7 @@ pub mod diagnosis;
 pub mod ekf_slam;
 pub mod error;
 pub mod filter;
+pub mod gaussian;
 pub mod geometry;
 pub mod landmark;
 pub mod math;

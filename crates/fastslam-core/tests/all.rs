@@ -20,6 +20,7 @@ mod path_period;
 mod randomness;
 mod rejuvenation;
 mod robustness;
+mod state;
 mod stores_agree;
 mod stores_agree_on_logs;
 mod threads;

@@ -105,10 +105,15 @@ pub(super) fn best_choice<H: Hypothesis>(
             }
         }
     }
-    let margin = match best {
-        Some((_, fit)) if fit.log_likelihood >= rules.log_new_density => fit.log_likelihood - second,
-        Some((_, fit)) => rules.log_new_density - fit.log_likelihood - 1e6,
+    Choice { best, margin: margin(rules, best.map(|(_, fit)| fit.log_likelihood), second), certain: false }
+}
+
+/// By how much the best explanation is better than the second: what the map lacks counts as less certain than any
+/// landmark, and as the more certain the farther the nearest landmark lies.
+fn margin(rules: &Rules, best: Option<f64>, second: f64) -> f64 {
+    match best {
+        Some(log_likelihood) if log_likelihood >= rules.log_new_density => log_likelihood - second,
+        Some(log_likelihood) => rules.log_new_density - log_likelihood - 1e6,
         None => -1e3,
-    };
-    Choice { best, margin, certain: false }
+    }
 }

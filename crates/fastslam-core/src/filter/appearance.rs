@@ -16,6 +16,7 @@ const VARIANCE: usize = 2;
 const FIRST_CLASS: usize = 3;
 
 /// The appearance of the landmarks of all maps.
+#[derive(Clone)]
 pub struct Appearances {
     store: Box<dyn LandmarkStore>,
     classes: Option<Classes>,

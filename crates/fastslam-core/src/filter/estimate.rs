@@ -2,6 +2,7 @@
 
 use super::{mixture, FastSlam, Particles};
 use crate::association::Appearance;
+use crate::gaussian::Gaussian;
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
@@ -36,11 +37,11 @@ pub struct MapEstimate {
 impl<M: MeasurementModel> FastSlam<M> {
     /// The pose as the particles stand.
     pub(super) fn estimate_particles(&mut self) {
-        let weights = &self.weights.values;
+        let weights = &self.state.weights.values;
         let n = weights.len();
-        let Particles { x, y, heading, .. } = &self.particles;
+        let Particles { x, y, heading, .. } = &self.state.particles;
         let (x, y, heading) = (&x[..n], &y[..n], &heading[..n]);
-        self.estimate = vectorized(
+        self.state.estimate = vectorized(
             #[inline(always)]
             || {
                 mixture(
@@ -60,37 +61,37 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// The pose as the beliefs have it.
     pub(super) fn estimate_from_beliefs(&mut self) {
-        self.estimate = self.beliefs.mixture(&self.weights.values);
+        self.state.estimate = self.work.beliefs.mixture(&self.state.weights.values);
     }
 
     /// Weights are equal after resampling.
     pub(super) fn restart_weights(&mut self) {
-        let count = self.particles.len();
-        self.weights.values.clear();
-        self.weights.values.resize(count, 1.0 / count as f64);
-        self.weights.effective_sample_size = count as f64;
-        self.weights.log_mean = 0.0;
+        let count = self.state.particles.len();
+        self.state.weights.values.clear();
+        self.state.weights.values.resize(count, 1.0 / count as f64);
+        self.state.weights.effective_sample_size = count as f64;
+        self.state.weights.log_mean = 0.0;
     }
 
     /// The pose now, with the motion since the last update.
     pub fn predicted_pose(&mut self) -> super::PoseEstimate {
         self.estimate_beliefs();
-        self.estimate
+        self.state.estimate
     }
 
     /// The map: the landmarks that the best particle holds, each as the mixture over all particles that hold it.
     pub fn map(&mut self) -> MapEstimate {
-        let best = self.particles.best();
+        let best = self.state.particles.best();
         let mut landmarks = Vec::new();
-        for slot in self.landmarks.live_slots() {
-            let Some(known) = self.landmarks.slot(slot) else { continue };
-            let rows = self.landmarks.read(slot);
+        for slot in self.state.landmarks.live_slots() {
+            let Some(known) = self.state.landmarks.slot(slot) else { continue };
+            let rows = self.state.landmarks.read(slot);
             let sightings = rows.column(column::SIGHTINGS)[best];
             if sightings == 0.0 {
                 continue;
             }
             let (mut mass, mut x, mut y) = (0.0, 0.0, 0.0);
-            for (i, w) in self.weights.values.iter().enumerate() {
+            for (i, w) in self.state.weights.values.iter().enumerate() {
                 if let Some(landmark) = gaussian_in(&rows, i) {
                     mass += w;
                     x += w * landmark.mean[0];
@@ -101,17 +102,11 @@ impl<M: MeasurementModel> FastSlam<M> {
                 continue;
             }
             let mean = [x / mass, y / mass];
-            let mut covariance = Symmetric2::default();
-            for (i, w) in self.weights.values.iter().enumerate() {
-                if let Some(landmark) = gaussian_in(&rows, i) {
-                    let (share, d) = (w / mass, [landmark.mean[0] - mean[0], landmark.mean[1] - mean[1]]);
-                    covariance.xx += share * (landmark.covariance.xx + d[0] * d[0]);
-                    covariance.xy += share * (landmark.covariance.xy + d[0] * d[1]);
-                    covariance.yy += share * (landmark.covariance.yy + d[1] * d[1]);
-                }
-            }
-            let identity = if self.landmarks.columns() > column::IDENTITY {
-                let mark = self.landmarks.read(slot).column(column::IDENTITY)[best];
+            let held = self.state.weights.values.iter().enumerate();
+            let parts = held.filter_map(|(i, w)| Some((w / mass, gaussian_in(&rows, i)?)));
+            let covariance = Gaussian::mixture_about(mean, parts).covariance;
+            let identity = if self.state.landmarks.columns() > column::IDENTITY {
+                let mark = self.state.landmarks.read(slot).column(column::IDENTITY)[best];
                 (mark > 0.0).then_some((mark - 1.0) as u32)
             } else {
                 known.identity
@@ -126,21 +121,21 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// What a landmark looks like, over the particles that hold it.
     fn appearance_of(&mut self, slot: u32) -> Appearance {
-        let rows = self.landmarks.read(slot);
-        let held = self.weights.values.iter().zip(rows.column(column::SIGHTINGS));
+        let rows = self.state.landmarks.read(slot);
+        let held = self.state.weights.values.iter().zip(rows.column(column::SIGHTINGS));
         let weights: Vec<f64> = held.map(|(weight, count)| if *count == 0.0 { 0.0 } else { *weight }).collect();
-        let appearances = self.landmarks.appearances.as_mut();
+        let appearances = self.state.landmarks.appearances.as_mut();
         appearances.map_or(Appearance::default(), |appearances| appearances.estimate(slot, &weights))
     }
 
     /// The landmarks of one particle's own map: slot birth, mean and covariance.
     pub fn map_of(&self, particle: usize) -> Vec<(u64, [f64; 2], Symmetric2)> {
-        let mut row = vec![0.0; self.landmarks.columns()];
+        let mut row = vec![0.0; self.state.landmarks.columns()];
         let mut map = Vec::new();
-        for slot in self.landmarks.live_slots() {
-            if self.landmarks.read_row(slot, particle, &mut row) {
+        for slot in self.state.landmarks.live_slots() {
+            if self.state.landmarks.read_row(slot, particle, &mut row) {
                 let covariance = Symmetric2::new(row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]);
-                map.push((self.landmarks.birth(slot), [row[column::MEAN_X], row[column::MEAN_Y]], covariance));
+                map.push((self.state.landmarks.birth(slot), [row[column::MEAN_X], row[column::MEAN_Y]], covariance));
             }
         }
         map
@@ -148,6 +143,6 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// The smoothed path of the particle that explains the log best: stamps and `T_world_robot`.
     pub fn best_path(&self) -> Vec<(f64, Pose)> {
-        self.path.path(self.particles.best())
+        self.state.path.path(self.state.particles.best())
     }
 }

@@ -40,54 +40,54 @@ struct Prediction {
 impl<M: MeasurementModel> FastSlam<M> {
     /// Examines a scan whose identities are all known.
     pub(super) fn examine_identified(&mut self, scan: &[ScanSighting]) {
-        let mut matches = std::mem::take(&mut self.matches);
+        let mut matches = std::mem::take(&mut self.work.matches);
         matches.clear();
         let known = scan.iter().filter_map(|sighting| Some((sighting, self.known_slot(sighting)?)));
-        matches.extend(known.map(|(sighting, slot)| (sighting.measured.value, self.landmarks.birth(slot))));
-        self.watch.matched(matches.iter().copied(), scan.len());
-        self.matches = matches;
-        if !self.watch.examines() || self.matches.is_empty() {
+        matches.extend(known.map(|(sighting, slot)| (sighting.measured.value, self.state.landmarks.birth(slot))));
+        self.state.watch.matched(matches.iter().copied(), scan.len());
+        self.work.matches = matches;
+        if !self.state.watch.examines() || self.work.matches.is_empty() {
             return;
         }
-        let mut examination = std::mem::take(&mut self.examination);
+        let mut examination = std::mem::take(&mut self.work.examination);
         let Examination { known, particles, pairs, .. } = &mut examination;
         known.clear();
         known.extend(scan.iter().enumerate().filter_map(|(j, sighting)| Some((j, self.known_slot(sighting)?))));
         self.choose_subset(particles);
         pairs.clear();
-        for place in spread(known.len(), self.watch.examinations()) {
+        for place in spread(known.len(), self.state.watch.examinations()) {
             let (j, slot) = known[place];
-            let rows = self.landmarks.read(slot);
+            let rows = self.state.landmarks.read(slot);
             pairs.push((scan[j].measured, of_subset(particles, |i| gaussian_in(&rows, i))));
         }
         self.examine(&mut examination);
-        self.examination = examination;
+        self.work.examination = examination;
     }
 
     /// Examines a scan after the particles decided what it shows, before anything else changed.
     pub(super) fn examine_decided(&mut self, scan: &[ScanSighting], decisions: &[Decision], table: &CandidateTable) {
         let of = |particle: usize| &decisions[particle * scan.len()..(particle + 1) * scan.len()];
-        let best = of(self.particles.best());
+        let best = of(self.state.particles.best());
         let known = best.iter().enumerate().filter_map(|(j, decision)| match decision {
             Decision::Landmark(candidate) => Some((j, *candidate)),
             _ => None,
         });
-        let birth = |candidate: u32| self.landmarks.birth(table.slots[candidate as usize]);
-        let mut matches = std::mem::take(&mut self.matches);
+        let birth = |candidate: u32| self.state.landmarks.birth(table.slots[candidate as usize]);
+        let mut matches = std::mem::take(&mut self.work.matches);
         matches.clear();
         matches.extend(known.clone().map(|(j, candidate)| (scan[j].measured.value, birth(candidate))));
-        self.watch.matched(matches.iter().copied(), scan.len());
-        self.matches = matches;
-        if !self.watch.examines() || scan.is_empty() {
+        self.state.watch.matched(matches.iter().copied(), scan.len());
+        self.work.matches = matches;
+        if !self.state.watch.examines() || scan.is_empty() {
             return;
         }
-        let mut examination = std::mem::take(&mut self.examination);
+        let mut examination = std::mem::take(&mut self.work.examination);
         examination.known.clear();
         examination.known.extend(known);
         self.look_at_map(&mut examination, |candidate| table.slots[candidate as usize]);
         if !examination.known.is_empty() {
             let Examination { known, particles, pairs, .. } = &mut examination;
-            let chosen = || spread(known.len(), self.watch.examinations()).map(|place| known[place]);
+            let chosen = || spread(known.len(), self.state.watch.examinations()).map(|place| known[place]);
             self.choose_subset(particles);
             particles.retain(|i| chosen().all(|(j, candidate)| of(*i)[j] == Decision::Landmark(candidate)));
             let landmarks = |candidate| of_subset(particles, |i| table.gaussian(candidate, i));
@@ -95,39 +95,39 @@ impl<M: MeasurementModel> FastSlam<M> {
             pairs.extend(chosen().map(|(j, candidate)| (scan[j].measured, landmarks(candidate))));
             self.examine(&mut examination);
         }
-        self.examination = examination;
+        self.work.examination = examination;
     }
 
     /// Counts the landmarks of the best particle's map that the scan should have shown, and those that it did.
     fn look_at_map(&mut self, examination: &mut Examination, slot_of: impl Fn(u32) -> u32) {
         let Examination { known, in_reach, row, .. } = examination;
-        let best = self.particles.best();
-        let (view, pose) = (self.watch.view(), self.beliefs.get(best).mean);
-        if !self.watch.looks_from(pose) {
+        let best = self.state.particles.best();
+        let (view, pose) = (self.state.watch.view(), self.work.beliefs.get(best).mean);
+        if !self.state.watch.looks_from(pose) {
             return;
         }
-        let sensor = pose.compose(self.T_robot_sensor);
+        let sensor = pose.compose(self.models.T_robot_sensor);
         let mut region = Box2::EMPTY;
         region.include([sensor.x, sensor.y], view.far_m);
         in_reach.clear();
-        self.landmarks.find(&region, in_reach);
-        row.resize(self.landmarks.columns(), 0.0);
+        self.state.landmarks.find(&region, in_reach);
+        row.resize(self.state.landmarks.columns(), 0.0);
         let mut in_view = MapInView::default();
         for &slot in &*in_reach {
-            if !self.landmarks.read_row(slot, best, row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
+            if !self.state.landmarks.read_row(slot, best, row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
                 continue;
             }
             if view.contains(pose, [row[column::MEAN_X], row[column::MEAN_Y]]) {
                 let sighted = known.iter().any(|(_, candidate)| slot_of(*candidate) == slot);
-                self.watch.looked(&mut in_view, InView { birth: self.landmarks.birth(slot), sighted });
+                self.state.watch.looked(&mut in_view, InView { birth: self.state.landmarks.birth(slot), sighted });
             }
         }
-        self.map_in_view = Some(in_view);
+        self.work.map_in_view = Some(in_view);
     }
 
     /// Some particles, evenly spaced.
     fn choose_subset(&self, particles: &mut Vec<usize>) {
-        let count = self.particles.len();
+        let count = self.state.particles.len();
         let size = count.min(SUBSET);
         particles.clear();
         particles.extend((0..size).map(|k| k * count / size));
@@ -139,23 +139,23 @@ impl<M: MeasurementModel> FastSlam<M> {
         predictions.clear();
         predictions.extend(particles.iter().enumerate().filter_map(|(row, i)| self.prediction(*i, row, pairs)));
         if let Some(mut scan) = mixture(predictions) {
-            let heading = self.belief_of(self.particles.best()).mean.heading;
-            scan.motion = self.motion_since_scan.covariances_in_world(heading);
-            self.watch.noise.add(&scan);
+            let heading = self.belief_of(self.state.particles.best()).mean.heading;
+            scan.motion = self.state.motion_since_scan.covariances_in_world(heading);
+            self.state.watch.noise.add(&scan);
         }
     }
 
     /// What one particle predicts; `None` where it lacks a landmark or has no weight.
     fn prediction(&self, particle: usize, row: usize, pairs: &[Pair]) -> Option<Prediction> {
-        let weight = self.weights.values[particle];
+        let weight = self.state.weights.values[particle];
         let belief = self.belief_of(particle);
-        let sensor = belief.mean.compose(self.T_robot_sensor);
+        let sensor = belief.mean.compose(self.models.T_robot_sensor);
         let mut scan = PredictedScan { size: 2 * pairs.len(), ..PredictedScan::default() };
         for (j, (measured, landmarks)) in pairs.iter().enumerate() {
             let landmark = landmarks[row]?;
-            let linear = self.model.linearize(sensor, landmark.mean);
+            let linear = self.models.measurement.linearize(sensor, landmark.mean);
             let rows = by_robot_pose(linear.by_pose, belief.mean, sensor);
-            let innovation = self.model.innovation(measured.value, linear.expected);
+            let innovation = self.models.measurement.innovation(measured.value, linear.expected);
             let q = innovation_covariance(linear.by_landmark, landmark.covariance, measured.noise);
             let Symmetric2 { xx, xy, yy } = q;
             let block = [[xx, xy], [xy, yy]];
@@ -167,7 +167,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             (scan.noise[2 * j], scan.noise[2 * j + 1]) = (measured.noise.xx, measured.noise.yy);
         }
         // In FastSLAM 1.0 the spread of the particles holds what their motion added.
-        if self.config.algorithm != Algorithm::Fastslam1 {
+        if self.settings.config.algorithm != Algorithm::Fastslam1 {
             scan.add_uncertain_pose(&belief.covariance);
         }
         (weight > 0.0).then_some(Prediction { weight, scan })

@@ -30,17 +30,17 @@ pub(super) struct Judging {
 impl<M: MeasurementModel> FastSlam<M> {
     /// Whether scans are judged by what they should have shown.
     pub(super) fn judges_existence(&self) -> bool {
-        let association = &self.config.association;
+        let association = &self.settings.config.association;
         let counts = association.existence.removal == Removal::WhenMissed
             || association.existence.form == ExistenceForm::Bayes
             || association.detection_probability.is_some();
-        self.landmarks.existence.is_some() && counts
+        self.state.landmarks.existence.is_some() && counts
     }
 
     /// The log-odds of a landmark at its first sighting.
     pub(super) fn initial_log_odds(&self) -> f64 {
-        let settings = &self.config.association.existence;
-        match (settings.form, self.rules.initial_log_odds) {
+        let settings = &self.settings.config.association.existence;
+        match (settings.form, self.settings.rules.initial_log_odds) {
             (ExistenceForm::Bayes, Some(log_odds)) => log_odds,
             _ => settings.initial_log_odds,
         }
@@ -52,8 +52,8 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// **Why:** every landmark in view costs ln(1 − r P_D), sighted or not ([`Self::judge_existence`]); a sighting takes
     /// that back.
     pub(super) fn add_detection_odds(&mut self, slot: u32, evidence: &mut [f64]) {
-        let Some(detection) = self.config.association.detection_probability else { return };
-        let Some(existence) = &mut self.landmarks.existence else { return };
+        let Some(detection) = self.settings.config.association.detection_probability else { return };
+        let Some(existence) = &mut self.state.landmarks.existence else { return };
         let log_odds = existence.read(slot).column(1);
         for (value, log_odds) in evidence.iter_mut().zip(log_odds) {
             let seen = math::logistic(*log_odds) * detection;
@@ -63,9 +63,9 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Whether the best particle's landmark counts as real.
     pub(super) fn is_confirmed(&mut self, slot: u32, sightings: f64) -> bool {
-        let best = self.particles.best();
-        let settings = &self.config.association.existence;
-        let Some(existence) = &mut self.landmarks.existence else { return true };
+        let best = self.state.particles.best();
+        let settings = &self.settings.config.association.existence;
+        let Some(existence) = &mut self.state.landmarks.existence else { return true };
         let likely = match settings.form {
             ExistenceForm::Counted => true,
             ExistenceForm::Bayes => existence.read(slot).column(1)[best] >= settings.confirmed_log_odds,
@@ -84,27 +84,28 @@ impl<M: MeasurementModel> FastSlam<M> {
         first_birth: u64,
         info: &mut StepInfo,
     ) {
-        let mut judging = std::mem::take(&mut self.judging);
+        let mut judging = std::mem::take(&mut self.work.judging);
         let Judging { in_reach, sighted, verdicts, .. } = &mut judging;
         in_reach.clear();
-        self.landmarks.find(&self.view_region(), in_reach);
+        self.state.landmarks.find(&self.view_region(), in_reach);
         in_reach.extend_from_slice(&table.slots);
-        in_reach.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
+        in_reach.sort_unstable_by_key(|slot| self.state.landmarks.birth(*slot));
         in_reach.dedup();
-        note_sighted(decisions, table.slots.len(), self.particles.len(), sighted);
+        note_sighted(decisions, table.slots.len(), self.state.particles.len(), sighted);
         verdicts.clear();
-        verdicts.resize(self.particles.len(), Verdict::Unseen);
+        verdicts.resize(self.state.particles.len(), Verdict::Unseen);
         for place in 0..judging.in_reach.len() {
             let (slot, verdicts) = (judging.in_reach[place], &mut judging.verdicts);
             // Candidates that nobody holds any more are gone; they have no birth.
-            if self.landmarks.birth(slot) >= first_birth {
+            if self.state.landmarks.birth(slot) >= first_birth {
                 continue;
             }
             self.find_in_view(slot, verdicts);
             if let Some(candidate) = table.slots.iter().position(|s| *s == slot) {
                 let sighted = &judging.sighted[candidate * verdicts.len()..][..verdicts.len()];
                 // Only Bayes' rule asks for densities.
-                let densities = self.sighting_densities.get(candidate * verdicts.len()..).unwrap_or_default();
+                let densities =
+                    self.work.correcting.sighting_densities.get(candidate * verdicts.len()..).unwrap_or_default();
                 for (i, verdict) in verdicts.iter_mut().enumerate().filter(|(i, _)| sighted[*i]) {
                     *verdict = Verdict::Sighted(densities.get(i).copied().unwrap_or_default());
                 }
@@ -113,29 +114,29 @@ impl<M: MeasurementModel> FastSlam<M> {
                 info.removed += self.count(slot, &mut judging);
             }
         }
-        self.judging = judging;
+        self.work.judging = judging;
     }
 
     /// A box around everything that any particle's sensor can see for sure.
     fn view_region(&self) -> Box2 {
-        let reach = self.config.association.existence.range_fraction * self.config.sensor.max_range_m;
+        let reach = self.settings.config.association.existence.range_fraction * self.settings.config.sensor.max_range_m;
         let mut region = Box2::EMPTY;
-        for i in 0..self.particles.len() {
-            region.include([self.sensor_poses.x[i], self.sensor_poses.y[i]], reach);
+        for i in 0..self.state.particles.len() {
+            region.include([self.work.correcting.sensor_poses.x[i], self.work.correcting.sensor_poses.y[i]], reach);
         }
         region
     }
 
     /// Where a landmark is surely in view and would have been sighted.
     fn find_in_view(&mut self, slot: u32, verdicts: &mut [Verdict]) {
-        let settings = &self.config.association.existence;
-        let reach = settings.range_fraction * self.config.sensor.max_range_m;
-        let near = self.config.sensor.min_range_m;
-        let half_view = 0.5 * settings.view_fraction * self.config.sensor.field_of_view_rad;
-        let rows = self.landmarks.read(slot);
+        let settings = &self.settings.config.association.existence;
+        let reach = settings.range_fraction * self.settings.config.sensor.max_range_m;
+        let near = self.settings.config.sensor.min_range_m;
+        let half_view = 0.5 * settings.view_fraction * self.settings.config.sensor.field_of_view_rad;
+        let rows = self.state.landmarks.read(slot);
         let (count, x, y) = (rows.column(column::SIGHTINGS), rows.column(column::MEAN_X), rows.column(column::MEAN_Y));
         let n = verdicts.len();
-        let poses = &self.sensor_poses;
+        let poses = &self.work.correcting.sensor_poses;
         let (count, x, y) = (&count[..n], &x[..n], &y[..n]);
         let (sensor_x, sensor_y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
         vectorized(
@@ -158,7 +159,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// whether the best particle lost it.
     fn count(&mut self, slot: u32, judging: &mut Judging) -> u32 {
         let Judging { verdicts, judged, dead, .. } = judging;
-        let association = &self.config.association;
+        let association = &self.settings.config.association;
         let settings = &association.existence;
         let lowest = self.initial_log_odds() + settings.lowest_log_odds - settings.initial_log_odds;
         let missed_log_odds = match (settings.form, association.detection_probability) {
@@ -167,13 +168,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         };
         // Below this its odds would round to nothing, and nothing could bring it back.
         let floor = lowest.min(-50.0) - 1.0;
-        let (exponent, removes) = (self.rules.likelihood_exponent, settings.removal == Removal::WhenMissed);
+        let (exponent, removes) = (self.settings.rules.likelihood_exponent, settings.removal == Removal::WhenMissed);
         judged.clear();
         judged.extend(verdicts.iter().map(|v| *v != Verdict::Unseen));
         dead.clear();
         dead.resize(verdicts.len(), false);
-        let Particles { log_weight, score, .. } = &mut self.particles;
-        let Some(existence) = &mut self.landmarks.existence else { return 0 };
+        let Particles { log_weight, score, .. } = &mut self.state.particles;
+        let Some(existence) = &mut self.state.landmarks.existence else { return 0 };
         existence.update(slot, Some(judged), &mut |rows| {
             let [present, log_odds] = rows.columns::<COLUMNS>();
             for (i, verdict) in verdicts.iter().enumerate().filter(|(_, v)| **v != Verdict::Unseen) {
@@ -200,16 +201,16 @@ impl<M: MeasurementModel> FastSlam<M> {
         if !dead.contains(&true) {
             return 0;
         }
-        self.landmarks.update(slot, Some(dead), |mut rows| {
+        self.state.landmarks.update(slot, Some(dead), |mut rows| {
             let count = rows.column(column::SIGHTINGS);
             (0..dead.len()).filter(|i| dead[*i]).for_each(|i| count[i] = 0.0);
         });
-        let Particles { landmarks, .. } = &mut self.particles;
+        let Particles { landmarks, .. } = &mut self.state.particles;
         landmarks.iter_mut().zip(&*dead).for_each(|(count, dead)| *count -= u32::from(*dead));
-        if self.landmarks.holders(slot) == 0 {
-            self.landmarks.remove(slot);
+        if self.state.landmarks.holders(slot) == 0 {
+            self.state.landmarks.remove(slot);
         }
-        u32::from(dead[self.particles.best()])
+        u32::from(dead[self.state.particles.best()])
     }
 }
 

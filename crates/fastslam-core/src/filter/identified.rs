@@ -24,14 +24,14 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.correct_all(slot, sighting, info);
         }
         self.weigh();
-        let before = self.weights.log_mean;
+        let before = self.state.weights.log_mean;
         self.weights_now()?;
-        info.log_likelihood += self.weights.log_mean - before;
+        info.log_likelihood += self.state.weights.log_mean - before;
         self.estimate_particles();
         if self.resample_if_needed(info) {
             self.restart_weights();
         }
-        self.samplings += 1;
+        self.state.counters.samplings += 1;
         self.remember_identified(scan);
         Ok(())
     }
@@ -46,10 +46,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.clear_log_likelihood();
         for sighting in scan {
             let Some(slot) = self.known_slot(sighting) else { continue };
-            let rows = self.landmarks.read(slot);
-            let (model, T_robot_sensor) = (&self.model, self.T_robot_sensor);
+            let rows = self.state.landmarks.read(slot);
+            let (model, T_robot_sensor) = (&self.models.measurement, self.models.T_robot_sensor);
             let refinement = Refinement { model, T_robot_sensor, measured: &sighting.measured, rows };
-            let whole = (self.beliefs.columns_mut(), self.log_likelihood.as_mut_slice());
+            let whole = (self.work.beliefs.columns_mut(), self.work.log_likelihood.as_mut_slice());
             self.workers.share(whole, PART, &|first, (beliefs, log_likelihood)| {
                 refinement.apply(first, beliefs, log_likelihood);
             });
@@ -69,10 +69,16 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Corrects a landmark in every map and adds to the log-likelihoods of the step.
     fn correct_all(&mut self, slot: u32, sighting: &ScanSighting, info: &mut StepInfo) {
-        let Self { model, sensor_poses: poses, log_likelihood, workers, .. } = self;
-        let correction = Correction { model: &*model, poses: &*poses, measured: sighting.measured, mask: None };
+        let (models, workers, work) = (&self.models, &self.workers, &mut self.work);
+        let log_likelihood = &mut work.log_likelihood;
+        let correction = Correction {
+            model: &models.measurement,
+            poses: &work.correcting.sensor_poses,
+            measured: sighting.measured,
+            mask: None,
+        };
         let repaired = AtomicU32::new(0);
-        self.landmarks.update(slot, None, |rows| {
+        self.state.landmarks.update(slot, None, |rows| {
             let whole = (rows.columns(), log_likelihood.as_mut_slice());
             workers.share(whole, PART, &|first, (rows, log_likelihood)| {
                 repaired.fetch_add(correction.apply(first, rows, log_likelihood), Relaxed);
@@ -83,35 +89,42 @@ impl<M: MeasurementModel> FastSlam<M> {
     }
 
     fn learn_appearance(&mut self, slot: u32, sighting: &ScanSighting) {
-        if let Some(appearances) = &mut self.landmarks.appearances {
-            appearances.learn(slot, &vec![true; self.particles.len()], sighting.appearance);
+        if let Some(appearances) = &mut self.state.landmarks.appearances {
+            appearances.learn(slot, &vec![true; self.state.particles.len()], sighting.appearance);
         }
     }
 
     fn clear_log_likelihood(&mut self) {
-        self.log_likelihood.clear();
-        self.log_likelihood.resize(self.particles.len(), 0.0);
+        self.work.log_likelihood.clear();
+        self.work.log_likelihood.resize(self.state.particles.len(), 0.0);
     }
 
     /// Multiplies the weights by the likelihoods of the step.
     fn weigh(&mut self) {
-        let exponent = self.rules.likelihood_exponent;
-        for (i, log_likelihood) in self.log_likelihood.iter().enumerate() {
-            self.particles.log_weight[i] += exponent * log_likelihood;
-            self.particles.score[i] += exponent * log_likelihood;
+        let exponent = self.settings.rules.likelihood_exponent;
+        for (i, log_likelihood) in self.work.log_likelihood.iter().enumerate() {
+            self.state.particles.log_weight[i] += exponent * log_likelihood;
+            self.state.particles.score[i] += exponent * log_likelihood;
         }
     }
 
     pub(super) fn known_slot(&self, sighting: &ScanSighting) -> Option<u32> {
-        sighting.identity.and_then(|identity| self.landmarks.of_identity(identity).first().copied())
+        sighting.identity.and_then(|identity| self.state.landmarks.of_identity(identity).first().copied())
     }
 
     fn insert_for_all(&mut self, sighting: &ScanSighting, info: &mut StepInfo) {
-        let columns = self.landmarks.columns();
-        first_rows(&self.model, &self.sensor_poses, sighting.measured, None, columns, &mut self.scratch);
-        let slot = self.landmarks.insert(sighting.identity, &self.scratch, 0.0);
+        let columns = self.state.landmarks.columns();
+        first_rows(
+            &self.models.measurement,
+            &self.work.correcting.sensor_poses,
+            sighting.measured,
+            None,
+            columns,
+            &mut self.work.correcting.rows,
+        );
+        let slot = self.state.landmarks.insert(sighting.identity, &self.work.correcting.rows, 0.0);
         self.learn_appearance(slot, sighting);
-        self.particles.landmarks.iter_mut().for_each(|count| *count += 1);
+        self.state.particles.landmarks.iter_mut().for_each(|count| *count += 1);
         info.new_landmarks += 1;
     }
 }

@@ -3,8 +3,9 @@
 use super::appearance::Appearances;
 use super::existence;
 use crate::association::{Box2, Grid, Identities};
+use crate::config::Config;
 use crate::landmark::column;
-use crate::store::{LandmarkStore, Rows, RowsMut, StoreKind, StoreUsage};
+use crate::store::{LandmarkStore, Rows, RowsMut, StoreUsage};
 use crate::vector::vectorized;
 use crate::workers::Workers;
 use rustc_hash::FxHashMap;
@@ -19,6 +20,7 @@ pub struct Slot {
 }
 
 /// The population of maps with what all particles have in common.
+#[derive(Clone)]
 pub struct Landmarks {
     store: Box<dyn LandmarkStore>,
     columns: usize,
@@ -38,14 +40,15 @@ pub struct Landmarks {
 }
 
 impl Landmarks {
-    /// Empty maps for `particles`; `cell_m` and `gate_radius` (standard deviations) size the spatial index.
-    pub fn new(kind: StoreKind, particles: usize, identities: Identities, cell_m: f64, gate_radius: f64) -> Self {
+    /// Empty maps; `cell_m` and `gate_radius` (standard deviations) size the spatial index.
+    pub fn new(config: &Config, identities: Identities, cell_m: f64, gate_radius: f64) -> Self {
         let columns = column::COUNT + usize::from(identities == Identities::Some);
+        let (kind, particles) = (config.filter.store, config.filter.particles as usize);
         Self {
             store: kind.create(particles, columns),
             columns,
             existence: (identities != Identities::All).then(|| kind.create(particles, existence::COLUMNS)),
-            appearances: None,
+            appearances: Appearances::new(kind, particles, &config.association),
             slots: Vec::new(),
             free: Vec::new(),
             births: 0,
@@ -258,7 +261,9 @@ mod tests {
 
     #[test]
     fn a_name_that_came_later_counts_in_the_maps_that_have_it() {
-        let mut landmarks = Landmarks::new(StoreKind::Lineage, 2, Identities::Some, 1.0, 3.0);
+        let mut config = Config::default();
+        config.filter.particles = 2;
+        let mut landmarks = Landmarks::new(&config, Identities::Some, 1.0, 3.0);
         let columns = landmarks.columns();
         let mut rows = vec![1.0; 2 * columns];
         rows[2 * column::IDENTITY..].fill(0.0);

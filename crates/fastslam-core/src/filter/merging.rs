@@ -7,8 +7,8 @@
 use super::{existence, FastSlam, Particles, StepInfo};
 use crate::association::{CandidateTable, Decision};
 use crate::density::chi_squared_2;
-use crate::geometry::Symmetric2;
-use crate::landmark::{column, gaussian_in, Gaussian};
+use crate::gaussian::{distance_squared, product, spread_product, Gaussian};
+use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
 use crate::store::Rows;
 use rustc_hash::FxHashMap;
@@ -89,15 +89,16 @@ impl<M: MeasurementModel> FastSlam<M> {
         info: &mut StepInfo,
     ) {
         self.note_sighted_together(decisions, table);
-        if !self.steps.is_multiple_of(PERIOD) {
+        if !self.state.counters.steps.is_multiple_of(PERIOD) {
             return;
         }
-        let mut slots: Vec<u32> = table.slots.iter().copied().chain(self.founded.iter().map(|(_, s)| *s)).collect();
-        slots.retain(|slot| self.landmarks.slot(*slot).is_some_and(|s| s.birth < first_birth));
-        slots.sort_unstable_by_key(|slot| self.landmarks.birth(*slot));
+        let mut slots: Vec<u32> =
+            table.slots.iter().copied().chain(self.work.correcting.founded.iter().map(|(_, s)| *s)).collect();
+        slots.retain(|slot| self.state.landmarks.slot(*slot).is_some_and(|s| s.birth < first_birth));
+        slots.sort_unstable_by_key(|slot| self.state.landmarks.birth(*slot));
         for (place, &younger) in slots.iter().enumerate() {
             for &older in &slots[..place] {
-                if [older, younger].iter().all(|slot| self.landmarks.slot(*slot).is_some()) {
+                if [older, younger].iter().all(|slot| self.state.landmarks.slot(*slot).is_some()) {
                     info.merged += self.merge(older, younger);
                 }
             }
@@ -105,9 +106,10 @@ impl<M: MeasurementModel> FastSlam<M> {
     }
 
     fn note_sighted_together(&mut self, decisions: &[Decision], table: &CandidateTable) {
-        let share = decisions.len() / self.particles.len();
-        let best = self.particles.best();
-        let founded = |j: usize| self.founded.iter().find(|(index, _)| *index == j).map(|(_, slot)| *slot);
+        let share = decisions.len() / self.state.particles.len();
+        let best = self.state.particles.best();
+        let founded =
+            |j: usize| self.work.correcting.founded.iter().find(|(index, _)| *index == j).map(|(_, slot)| *slot);
         let slot = |(j, decision): (usize, &Decision)| match decision {
             Decision::Landmark(candidate) => Some(table.slots[*candidate as usize]),
             Decision::New => founded(j),
@@ -115,28 +117,29 @@ impl<M: MeasurementModel> FastSlam<M> {
         };
         let slots = decisions[best * share..][..share].iter().enumerate().filter_map(slot);
         // What was removed since has no birth.
-        let mut births = std::mem::take(&mut self.merger.births);
+        let mut births = std::mem::take(&mut self.state.merger.births);
         births.clear();
-        births.extend(slots.filter_map(|slot| self.landmarks.slot(slot)).map(|slot| slot.birth));
+        births.extend(slots.filter_map(|slot| self.state.landmarks.slot(slot)).map(|slot| slot.birth));
         for (place, a) in births.iter().enumerate() {
-            births[..place].iter().for_each(|b| self.merger.note(*a, *b, 1));
+            births[..place].iter().for_each(|b| self.state.merger.note(*a, *b, 1));
         }
-        self.merger.births = births;
+        self.state.merger.births = births;
     }
 
     /// Merges a landmark into an older one wherever both mean one thing; returns whether the best particle held both.
     fn merge(&mut self, older: u32, younger: u32) -> u32 {
-        let n = self.particles.len();
-        let columns = self.landmarks.columns();
+        let n = self.state.particles.len();
+        let columns = self.state.landmarks.columns();
         let copy = |rows: Rows<'_>, count: usize| (0..count).flat_map(|c| rows.column(c).to_vec()).collect::<Vec<_>>();
-        let old = copy(self.landmarks.read(older), columns);
-        let young = copy(self.landmarks.read(younger), columns);
+        let old = copy(self.state.landmarks.read(older), columns);
+        let young = copy(self.state.landmarks.read(younger), columns);
         let (old, young) = (Rows::new(&old, n), Rows::new(&young, n));
-        let together = self.merger.together(self.landmarks.birth(older), self.landmarks.birth(younger));
+        let together =
+            self.state.merger.together(self.state.landmarks.birth(older), self.state.landmarks.birth(younger));
         let Some(union) = self.union(&old, &young, f64::from(together)) else { return 0 };
         let touched: Vec<bool> = (0..n).map(|i| union.moved[i] || union.fused[i]).collect();
-        let unsure = self.config.association.merging.tolerance_std_m > 0.0;
-        self.landmarks.update(older, Some(&touched), |mut rows| {
+        let unsure = self.settings.config.association.merging.tolerance_std_m > 0.0;
+        self.state.landmarks.update(older, Some(&touched), |mut rows| {
             for i in (0..n).filter(|i| touched[*i]) {
                 if union.moved[i] {
                     (0..columns).for_each(|c| rows.column(c)[i] = young.column(c)[i]);
@@ -153,14 +156,14 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
         });
         self.settle([older, younger], &union);
-        u32::from(union.fused[self.particles.best()])
+        u32::from(union.fused[self.state.particles.best()])
     }
 
     /// Makes a landmark that all maps hold one with another that they all hold too, whose Gaussians know of it already.
     pub(super) fn unite(&mut self, [older, younger]: [u32; 2]) {
-        let n = self.particles.len();
-        let more = self.landmarks.read(younger).column(column::SIGHTINGS).to_vec();
-        self.landmarks.update(older, None, |mut rows| {
+        let n = self.state.particles.len();
+        let more = self.state.landmarks.read(younger).column(column::SIGHTINGS).to_vec();
+        self.state.landmarks.update(older, None, |mut rows| {
             rows.column(column::SIGHTINGS).iter_mut().zip(&more).for_each(|(count, more)| *count += more);
         });
         self.settle([older, younger], &Union { moved: vec![false; n], fused: vec![true; n] });
@@ -169,36 +172,37 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// Everything but the Gaussians of two landmarks that became one.
     fn settle(&mut self, [older, younger]: [u32; 2], union: &Union) {
         let touched: Vec<bool> = union.moved.iter().zip(&union.fused).map(|(moved, fused)| *moved || *fused).collect();
-        self.merger.united.insert(self.landmarks.birth(younger), self.landmarks.birth(older));
+        self.state.merger.united.insert(self.state.landmarks.birth(younger), self.state.landmarks.birth(older));
         self.merge_existence([older, younger], &touched);
-        if let Some(appearances) = &mut self.landmarks.appearances {
+        if let Some(appearances) = &mut self.state.landmarks.appearances {
             appearances.merge(younger, older, [&union.moved, &union.fused]);
         }
         self.forget(younger, older, &touched);
-        let Particles { landmarks, .. } = &mut self.particles;
+        let Particles { landmarks, .. } = &mut self.state.particles;
         landmarks.iter_mut().zip(&union.fused).for_each(|(count, fused)| *count -= u32::from(*fused));
     }
 
     /// Takes a landmark out of the maps in which it went over into another.
     fn forget(&mut self, younger: u32, older: u32, touched: &[bool]) {
-        self.landmarks.update(younger, Some(touched), |mut rows| {
+        self.state.landmarks.update(younger, Some(touched), |mut rows| {
             let count = rows.column(column::SIGHTINGS);
             (0..touched.len()).filter(|i| touched[*i]).for_each(|i| count[i] = 0.0);
         });
-        if self.landmarks.holders(younger) == 0 {
-            self.merger.rename(self.landmarks.birth(younger), self.landmarks.birth(older));
-            self.landmarks.remove(younger);
+        if self.state.landmarks.holders(younger) == 0 {
+            self.state.merger.rename(self.state.landmarks.birth(younger), self.state.landmarks.birth(older));
+            self.state.landmarks.remove(younger);
         }
     }
 
     /// Where the two landmarks mean one thing: nearer to each other than the gate, and hardly ever sighted together.
     /// `None` when nowhere.
     fn union(&self, old: &Rows<'_>, young: &Rows<'_>, together: f64) -> Option<Union> {
-        let n = self.particles.len();
-        let merging = &self.config.association.merging;
+        let n = self.state.particles.len();
+        let merging = &self.settings.config.association.merging;
         let gate = chi_squared_2(merging.gate_probability);
         let tolerance = merging.tolerance_std_m * merging.tolerance_std_m;
-        let named = |i: usize| self.landmarks.columns() > column::IDENTITY && young.column(column::IDENTITY)[i] != 0.0;
+        let named =
+            |i: usize| self.state.landmarks.columns() > column::IDENTITY && young.column(column::IDENTITY)[i] != 0.0;
         let elsewhere = average(old, n);
         let mut union = Union { moved: vec![false; n], fused: vec![false; n] };
         for i in (0..n).filter(|i| !named(*i)) {
@@ -220,7 +224,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// The better of the two beliefs that a merged landmark exists.
     fn merge_existence(&mut self, [older, younger]: [u32; 2], touched: &[bool]) {
         let n = touched.len();
-        let Some(store) = &mut self.landmarks.existence else { return };
+        let Some(store) = &mut self.state.landmarks.existence else { return };
         let young = store.read(younger).column(1).to_vec();
         store.update(older, Some(touched), &mut |rows| {
             let [present, log_odds] = rows.columns::<{ existence::COLUMNS }>();
@@ -244,65 +248,12 @@ fn average(rows: &Rows<'_>, n: usize) -> Option<Gaussian> {
     }
     let share = 1.0 / held.len() as f64;
     let mean = [0, 1].map(|axis| held.iter().map(|l| share * l.mean[axis]).sum::<f64>());
-    let mut covariance = Symmetric2::default();
-    for landmark in &held {
-        let d = [landmark.mean[0] - mean[0], landmark.mean[1] - mean[1]];
-        covariance.xx += share * (landmark.covariance.xx + d[0] * d[0]);
-        covariance.xy += share * (landmark.covariance.xy + d[0] * d[1]);
-        covariance.yy += share * (landmark.covariance.yy + d[1] * d[1]);
-    }
-    Some(Gaussian { mean, covariance })
-}
-
-/// The squared Mahalanobis distance of two landmarks, with this variance added to that of their difference.
-fn distance_squared(a: &Gaussian, b: &Gaussian, more: f64) -> f64 {
-    let (p, q) = (&a.covariance, &b.covariance);
-    let s = Symmetric2::new(p.xx + q.xx + more, p.xy + q.xy, p.yy + q.yy + more);
-    let [x, y] = [a.mean[0] - b.mean[0], a.mean[1] - b.mean[1]];
-    (s.yy * x * x - 2.0 * s.xy * x * y + s.xx * y * y) / s.determinant()
-}
-
-/// The normalised product of two Gaussians.
-fn product(a: &Gaussian, b: &Gaussian) -> Gaussian {
-    let inverse = |s: &Symmetric2| {
-        let d = s.determinant();
-        Symmetric2::new(s.yy / d, -s.xy / d, s.xx / d)
-    };
-    let (p, q) = (inverse(&a.covariance), inverse(&b.covariance));
-    let covariance = inverse(&Symmetric2::new(p.xx + q.xx, p.xy + q.xy, p.yy + q.yy));
-    let push = |s: &Symmetric2, m: [f64; 2]| [s.xx * m[0] + s.xy * m[1], s.xy * m[0] + s.yy * m[1]];
-    let (u, v) = (push(&p, a.mean), push(&q, b.mean));
-    Gaussian { mean: push(&covariance, [u[0] + v[0], u[1] + v[1]]), covariance }
-}
-
-/// The product, as uncertain as the two disagree: the variance between them, by their numbers of sightings, is added.
-///
-/// **Why:** two places that lie apart by more than their covariances allow say that a particle's own error is larger
-/// than it knows; without this the sightings of one of them would found a duplicate again.
-fn spread_product(a: &Gaussian, b: &Gaussian, [m, n]: [f64; 2]) -> Gaussian {
-    let Gaussian { mean, covariance: c } = product(a, b);
-    let between = m * n / ((m + n) * (m + n));
-    let [x, y] = [a.mean[0] - b.mean[0], a.mean[1] - b.mean[1]];
-    Gaussian {
-        mean,
-        covariance: Symmetric2::new(c.xx + between * x * x, c.xy + between * x * y, c.yy + between * y * y),
-    }
+    Some(Gaussian::mixture_about(mean, held.iter().map(|landmark| (share, *landmark))))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_product_weighs_by_precision() {
-        let a = Gaussian { mean: [0.0, 0.0], covariance: Symmetric2::new(1.0, 0.0, 4.0) };
-        let b = Gaussian { mean: [4.0, 5.0], covariance: Symmetric2::new(3.0, 0.0, 1.0) };
-        let both = product(&a, &b);
-        // 1/1 against 1/3, and 1/4 against 1/1.
-        assert!((both.mean[0] - 1.0).abs() < 1e-14 && (both.mean[1] - 4.0).abs() < 1e-14);
-        assert!((both.covariance.xx - 0.75).abs() < 1e-14 && (both.covariance.yy - 0.8).abs() < 1e-14);
-        assert!((distance_squared(&a, &b, 0.0) - (16.0 / 4.0 + 25.0 / 5.0)).abs() < 1e-12);
-    }
 
     #[test]
     fn what_was_seen_together_stays_so_under_another_name() {

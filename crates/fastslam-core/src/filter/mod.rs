@@ -16,7 +16,9 @@ mod rejuvenation;
 mod scan;
 mod scan_methods;
 pub mod settings;
+mod state;
 mod usable;
+mod work;
 
 pub use crate::association::Identities;
 pub use crate::sighting::{Sighting, Skipped};
@@ -25,28 +27,21 @@ pub use estimate::{MapEstimate, MapLandmark};
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
-use crate::association::{fast, CandidateTable, Decision, FitTable, Rules, Scratch};
+use crate::association::Rules;
 use crate::config::{Algorithm, Config};
-use crate::diagnosis::health::{MapInView, View, Vitals, Watch};
+use crate::diagnosis::health::Vitals;
 use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::error::{Error, Result, LARGEST_MAGNITUDE};
 use crate::geometry::Pose;
-use crate::landmark::SensorPoses;
 use crate::measurement::{MeasurementModel, RangeBearing};
 use crate::motion::{MotionByNoise, MotionGaussian, PoseColumns, RowPart};
 use crate::path::PathForest;
 use crate::random::{Purpose, RandomSource};
-use crate::resampling::Resampler;
 use crate::store::StoreUsage;
-use crate::weights::Weights;
-use crate::workers::{PerThread, Workers, PART};
-use appearance::Appearances;
-use beliefs::Beliefs;
-use examine::Examination;
-use existence::Judging;
+use crate::workers::{Workers, PART};
 use landmarks::Landmarks;
-use merging::Merger;
-use rejuvenation::Rejuvenation;
+use state::State;
+use work::Work;
 
 /// Above this spread of the heading the motion since the last sighting is sampled rather than linearised on.
 const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;
@@ -62,71 +57,35 @@ const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;
 /// assert_eq!((info.new_landmarks, filter.map().landmarks.len()), (1, 1));
 /// # Ok::<(), fastslam_core::error::Error>(())
 /// ```
+///
+/// `state` is what a later step needs of the earlier ones, and nothing else; `work` is memory that is kept, and what
+/// it holds counts for nothing once a step is done.
 pub struct FastSlam<M = RangeBearing> {
+    models: Models<M>,
+    settings: Settings,
+    state: State,
+    work: Work,
+    workers: Workers,
+}
+
+/// How the robot sees.
+#[derive(Clone, Debug)]
+struct Models<M> {
+    measurement: M,
+    T_robot_sensor: Pose,
+    /// How far the sensor stands from the robot's origin.
+    lever_arm_m: f64,
+}
+
+/// What was configured, with what follows from it.
+#[derive(Clone, Debug)]
+struct Settings {
     config: Config,
     identities: Identities,
-    model: M,
-    T_robot_sensor: Pose,
-    lever_arm_m: f64,
     rules: Rules,
     /// Reach of the association in standard deviations.
     gate_radius: f64,
     random: RandomSource,
-    particles: Particles,
-    /// Motion since the last sampling of the poses, the same for all particles (FastSLAM 2.0).
-    pending: MotionGaussian,
-    /// Motion since the last scan, for the noise check.
-    motion_since_scan: MotionByNoise,
-    controls: u64,
-    samplings: u64,
-    steps: u64,
-    landmarks: Landmarks,
-    workers: Workers,
-    path: PathForest,
-    /// What is remembered to draw paths anew; only when that is configured.
-    rejuvenation: Option<Rejuvenation>,
-    weights: Weights,
-    ancestor_indices: Vec<u32>,
-    resampler: Resampler,
-    sensor_poses: SensorPoses,
-    beliefs: Beliefs,
-    /// The sightings of the step, each identity once in each; kept for their memory.
-    rounds: Vec<Vec<scan::ScanSighting>>,
-    /// Landmarks that the last scan may have shown; kept for its memory.
-    table: CandidateTable,
-    /// How well the candidates of the scan fit.
-    fits: FitTable,
-    /// What deciding needs to remember.
-    deciding: PerThread<(fast::Workspace, Scratch)>,
-    /// What each particle decided about the scan, an equal share each; kept for its memory.
-    decisions: Vec<Decision>,
-    former_decisions: Vec<Decision>,
-    /// For one sighting, the numbers of the decisions and whether they are the one at hand; kept for their memory.
-    decided: Vec<u32>,
-    /// Sightings of known landmarks with the births of these; kept for its memory.
-    matches: Vec<([f64; 2], u64)>,
-    /// Landmarks that there were before each sighting of the scan; kept for its memory.
-    births: Vec<u64>,
-    mask: Vec<bool>,
-    /// Landmarks that the scan may show; kept for its memory.
-    slots: Vec<u32>,
-    /// Log-likelihood of the scan's sighting of every candidate in every map; only where existence follows Bayes' rule.
-    sighting_densities: Vec<f64>,
-    /// Sightings of the scan that founded a landmark in some map, with its slot.
-    founded: Vec<(usize, u32)>,
-    merger: Merger,
-    judging: Judging,
-    examination: Examination,
-    /// Of the step's sightings, per particle.
-    log_likelihood: Vec<f64>,
-    estimate: PoseEstimate,
-    scratch: Vec<f64>,
-    /// Whether all this can be believed.
-    watch: Watch,
-    /// What the sliding window said of the noise when it was last looked at.
-    noise_report: NoiseReport,
-    /// Landmarks of the map that the scan should have shown, where that was looked at.
-    map_in_view: Option<MapInView>,
 }
 
 impl FastSlam {
@@ -136,6 +95,14 @@ impl FastSlam {
     pub fn new(config: Config, identities: Identities) -> Result<Self> {
         let model = config.sensor.range_bearing();
         Self::with_model(config, identities, model)
+    }
+}
+
+impl<M: Clone> Clone for FastSlam<M> {
+    /// An independent filter in the same state, which goes on to the same bits.
+    fn clone(&self) -> Self {
+        let (models, settings, workers) = (self.models.clone(), self.settings.clone(), self.workers.clone());
+        Self { models, settings, state: self.state.clone(), work: Work::new(&workers), workers }
     }
 }
 
@@ -149,67 +116,24 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         let identities = identities.heeding(config.association.mode);
         let rules = Rules::new(&config, &model);
-        let start = config.initial_pose.T_world_robot();
-        let particles = config.filter.particles as usize;
         let gate_radius = rules.gate_radius(&model, config.sensor.tail());
-        let noise = model.noise_covariance();
         let workers = Workers::new(config.filter.threads)?;
-        let cell_m = (4.0 * gate_radius * noise.xx.sqrt()).clamp(0.5, 20.0);
-        let mut landmarks = Landmarks::new(config.filter.store, particles, identities, cell_m, gate_radius);
+        let cell_m = (4.0 * gate_radius * model.noise_covariance().xx.sqrt()).clamp(0.5, 20.0);
+        let mut landmarks = Landmarks::new(&config, identities, cell_m, gate_radius);
         landmarks.set_workers(&workers);
-        landmarks.appearances = Appearances::new(config.filter.store, particles, &config.association);
-        Ok(Self {
-            landmarks,
-            lever_arm_m: config.sensor.mounting.x_m.hypot(config.sensor.mounting.y_m),
+        let models = Models {
+            measurement: model,
             T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
-            gate_radius,
-            random: RandomSource::new(config.seed),
-            particles: Particles::at(start, particles),
-            pending: MotionGaussian::default(),
-            motion_since_scan: MotionByNoise::default(),
-            controls: 0,
-            samplings: 0,
-            steps: 0,
-            path: PathForest::new(particles),
-            rejuvenation: (config.filter.rejuvenation.every_steps > 0).then(|| Rejuvenation::new(particles)),
-            weights: Weights { values: vec![1.0 / particles as f64; particles], ..Weights::default() },
-            ancestor_indices: Vec::with_capacity(particles),
-            resampler: Resampler::default(),
-            sensor_poses: SensorPoses::default(),
-            beliefs: Beliefs::default(),
-            rounds: Vec::new(),
-            table: CandidateTable::default(),
-            fits: FitTable::default(),
-            deciding: PerThread::new(&workers),
-            decisions: Vec::new(),
-            former_decisions: Vec::new(),
-            decided: Vec::new(),
-            births: Vec::new(),
-            matches: Vec::new(),
-            mask: Vec::new(),
-            slots: Vec::new(),
-            sighting_densities: Vec::new(),
-            founded: Vec::new(),
-            merger: Merger::default(),
-            judging: Judging::default(),
-            examination: Examination::default(),
-            log_likelihood: Vec::with_capacity(particles),
-            estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
-            scratch: Vec::new(),
-            watch: Watch::new(config.health, View::of(&config)),
-            noise_report: NoiseReport::default(),
-            map_in_view: None,
-            identities,
-            model,
-            rules,
-            workers,
-            config,
-        })
+            lever_arm_m: config.sensor.mounting.x_m.hypot(config.sensor.mounting.y_m),
+        };
+        let random = RandomSource::new(config.seed);
+        let (state, work) = (State::new(&config, landmarks), Work::new(&workers));
+        Ok(Self { models, settings: Settings { config, identities, rules, gate_radius, random }, state, work, workers })
     }
 
     /// The configuration in force.
     pub fn config(&self) -> &Config {
-        &self.config
+        &self.settings.config
     }
 
     /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`: a whole row.
@@ -223,22 +147,22 @@ impl<M: MeasurementModel> FastSlam<M> {
     ///
     /// **Errors:** [`Error::Input`] for a control that no robot could follow; the filter is then as it was.
     pub fn advance(&mut self, part: &RowPart) -> Result<()> {
-        let (motion, by_noise) = self.config.motion.with_noises(part)?;
-        match self.config.algorithm {
+        let (motion, by_noise) = self.settings.config.motion.with_noises(part)?;
+        match self.settings.config.algorithm {
             Algorithm::Fastslam1 => {
-                let stream = self.random.stream(Purpose::Motion, self.controls);
-                let Particles { x, y, heading, .. } = &mut self.particles;
+                let stream = self.settings.random.stream(Purpose::Motion, self.state.counters.controls);
+                let Particles { x, y, heading, .. } = &mut self.state.particles;
                 let whole = [x, y, heading].map(Vec::as_mut_slice);
                 self.workers.share(whole, PART, &|first, [x, y, heading]| {
                     let first_particle = first as u32;
                     motion.sample(stream, PoseColumns { first_particle, x, y, heading });
                 });
             }
-            _ => self.pending = self.pending.then(&motion).checked(part)?,
+            _ => self.state.pending = self.state.pending.then(&motion).checked(part)?,
         }
-        self.motion_since_scan = self.motion_since_scan.then(&by_noise);
+        self.state.motion_since_scan = self.state.motion_since_scan.then(&by_noise);
         self.remember_motion(&motion);
-        self.controls += 1;
+        self.state.counters.controls += 1;
         Ok(())
     }
 
@@ -249,53 +173,53 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// here, landmarks at no place that can be computed with are gone, the step does not count and is no part of the path, and the
     /// filter can go on.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
-        self.config.association.check_classes(sightings)?;
-        let mut info = StepInfo { step: self.steps, ..StepInfo::default() };
-        let mut rounds = std::mem::take(&mut self.rounds);
+        self.settings.config.association.check_classes(sightings)?;
+        let mut info = StepInfo { step: self.state.counters.steps, ..StepInfo::default() };
+        let mut rounds = std::mem::take(&mut self.work.rounds);
         let used = self.fill_rounds(&mut rounds, sightings, &mut info.skipped);
-        if self.identities == Identities::All {
+        if self.settings.identities == Identities::All {
             rounds[..used].iter_mut().for_each(|round| self.doubt_names(round, &mut info));
         }
         info.sightings = rounds[..used].iter().map(|round| round.len() as u32).sum();
-        self.watch.begin(stamp_s, info.sightings);
-        let births_before = self.landmarks.births();
+        self.state.watch.begin(stamp_s, info.sightings);
+        let births_before = self.state.landmarks.births();
         info.sampled = !self.keeps_motion_pending(&rounds[0]);
         let done = rounds[..used].iter().try_for_each(|round| self.process(round, &mut info));
-        self.rounds = rounds;
+        self.work.rounds = rounds;
         if let Err(error) = done {
             self.start_anew_with_weights();
             return Err(error);
         }
         if info.sampled {
-            let particles = &self.particles;
-            self.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
+            let particles = &self.state.particles;
+            self.state.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
             self.remember_step();
             if self.rejuvenation_is_due() {
                 info.rejuvenated = self.rejuvenate();
                 info.merged += self.closed();
             }
         }
-        info.landmarks = self.particles.landmarks[self.particles.best()];
+        info.landmarks = self.state.particles.landmarks[self.state.particles.best()];
         self.judge_health(stamp_s, births_before, &mut info);
-        self.steps += 1;
+        self.state.counters.steps += 1;
         Ok(info)
     }
 
     /// After a scan that left no particle any weight: what the scan did to weights is undone by forgetting them all, and
     /// what it did to maps by forgetting the landmarks that it made unusable.
     fn start_anew_with_weights(&mut self) {
-        self.particles.log_weight.fill(0.0);
-        self.particles.score.fill(0.0);
+        self.state.particles.log_weight.fill(0.0);
+        self.state.particles.score.fill(0.0);
         self.restart_weights();
-        let mut row = vec![0.0; self.landmarks.columns()];
-        for slot in self.landmarks.live_slots() {
+        let mut row = vec![0.0; self.state.landmarks.columns()];
+        for slot in self.state.landmarks.live_slots() {
             let holders: Vec<usize> =
-                (0..self.particles.len()).filter(|i| self.landmarks.read_row(slot, *i, &mut row)).collect();
-            if self.landmarks.read(slot).is_within(LARGEST_MAGNITUDE) {
+                (0..self.state.particles.len()).filter(|i| self.state.landmarks.read_row(slot, *i, &mut row)).collect();
+            if self.state.landmarks.read(slot).is_within(LARGEST_MAGNITUDE) {
                 continue;
             }
-            holders.into_iter().for_each(|i| self.particles.landmarks[i] -= 1);
-            self.landmarks.remove(slot);
+            holders.into_iter().for_each(|i| self.state.particles.landmarks[i] -= 1);
+            self.state.landmarks.remove(slot);
         }
         self.estimate_beliefs();
     }
@@ -316,7 +240,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             rounds.push(Vec::new());
         }
         let mut used = 1;
-        for sighting in usable(&self.config.sensor, self.identities, &self.model, sightings, skipped) {
+        for sighting in
+            usable(&self.settings.config.sensor, self.settings.identities, &self.models.measurement, sightings, skipped)
+        {
             let free = |round: &Vec<scan::ScanSighting>| {
                 sighting.identity.is_none() || round.iter().all(|s| s.identity != sighting.identity)
             };
@@ -332,11 +258,11 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// One scan with at most one sighting per identity.
     fn process(&mut self, scan: &[scan::ScanSighting], info: &mut StepInfo) -> Result<()> {
-        match (self.config.algorithm, self.identities) {
+        match (self.settings.config.algorithm, self.settings.identities) {
             _ if self.keeps_motion_pending(scan) => {
-                let before = self.weights.log_mean;
+                let before = self.state.weights.log_mean;
                 info.effective_sample_size = self.weights_now()?;
-                info.log_likelihood += self.weights.log_mean - before;
+                info.log_likelihood += self.state.weights.log_mean - before;
                 self.estimate_beliefs();
                 Ok(())
             }
@@ -354,39 +280,41 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Whether a step without sightings leaves the poses unsampled: later sightings may still say where they were.
     fn keeps_motion_pending(&self, scan: &[scan::ScanSighting]) -> bool {
-        self.config.algorithm == Algorithm::Fastslam2
+        self.settings.config.algorithm == Algorithm::Fastslam2
             && scan.is_empty()
-            && self.pending.covariance[2][2].sqrt() < LARGEST_LINEARISED_HEADING_STD_RAD
+            && self.state.pending.covariance[2][2].sqrt() < LARGEST_LINEARISED_HEADING_STD_RAD
     }
 
     /// Normalises the weights and returns the effective sample size.
     fn weights_now(&mut self) -> Result<f64> {
-        self.weights.normalize(&self.particles.log_weight, self.steps)?;
-        Ok(self.weights.effective_sample_size)
+        self.state.weights.normalize(&self.state.particles.log_weight, self.state.counters.steps)?;
+        Ok(self.state.weights.effective_sample_size)
     }
 
     /// Resamples if the effective sample size says so; everything that belongs to a particle follows its ancestor.
     ///
     /// The weights must have been normalised. Returns whether it resampled.
     fn resample_if_needed(&mut self, info: &mut StepInfo) -> bool {
-        let count = self.particles.len();
-        info.effective_sample_size = self.weights.effective_sample_size;
-        let settings = &self.config.filter.resampling;
+        let count = self.state.particles.len();
+        info.effective_sample_size = self.state.weights.effective_sample_size;
+        let settings = &self.settings.config.filter.resampling;
         // Without sightings the weights are what they were, but for rounding.
         let low = settings.threshold >= 1.0 || info.effective_sample_size < settings.threshold * count as f64;
         if info.sightings == 0 || !low {
             return false;
         }
-        let stream = self.random.stream(Purpose::Resampling, self.samplings);
-        let drawn = &mut self.ancestor_indices;
-        self.resampler.draw(settings.scheme, &self.weights.values, count, stream, drawn);
-        let most = self.config.filter.particles as usize;
-        let enough = self.config.filter.adaptive.count(&self.particles, &self.ancestor_indices, most);
+        let stream = self.settings.random.stream(Purpose::Resampling, self.state.counters.samplings);
+        let drawn = &mut self.work.ancestor_indices;
+        self.work.resampler.draw(settings.scheme, &self.state.weights.values, count, stream, drawn);
+        let most = self.settings.config.filter.particles as usize;
+        let enough =
+            self.settings.config.filter.adaptive.count(&self.state.particles, &self.work.ancestor_indices, most);
         if enough != count {
-            let drawn = &mut self.ancestor_indices;
-            self.resampler.draw(settings.scheme, &self.weights.values, enough, stream, drawn);
+            let drawn = &mut self.work.ancestor_indices;
+            self.work.resampler.draw(settings.scheme, &self.state.weights.values, enough, stream, drawn);
         }
-        let Self { particles, landmarks, path, ancestor_indices, .. } = self;
+        let State { particles, landmarks, path, .. } = &mut self.state;
+        let ancestor_indices = &self.work.ancestor_indices;
         self.workers.both(
             count,
             || path.resample(ancestor_indices),
@@ -395,7 +323,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 landmarks.resample(ancestor_indices);
             },
         );
-        self.log_likelihood.resize(enough, 0.0);
+        self.work.log_likelihood.resize(enough, 0.0);
         self.resample_history();
         info.resampled = true;
         true
@@ -403,67 +331,67 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Gives the verdict on a step.
     fn judge_health(&mut self, stamp_s: f64, births_before: u64, info: &mut StepInfo) {
-        info.particles = self.particles.len() as u32;
-        info.matched = self.watch.matches() as u32;
-        if self.watch.noise.is_report_due() {
-            self.noise_report = self.watch.noise.of_window();
+        info.particles = self.state.particles.len() as u32;
+        info.matched = self.state.watch.matches() as u32;
+        if self.state.watch.noise.is_report_due() {
+            self.state.noise_report = self.state.watch.noise.of_window();
         }
         if info.sightings > 0 {
-            self.motion_since_scan = MotionByNoise::default();
+            self.state.motion_since_scan = MotionByNoise::default();
         }
-        (info.nis, info.nis_band) = (self.noise_report.nis, self.noise_report.band);
-        info.noise_warnings = self.noise_report.warnings;
+        (info.nis, info.nis_band) = (self.state.noise_report.nis, self.state.noise_report.band);
+        info.noise_warnings = self.state.noise_report.warnings;
         let vitals = Vitals {
             stamp_s,
-            particles: self.particles.len(),
+            particles: self.state.particles.len(),
             effective_sample_size: info.effective_sample_size,
-            T_world_robot: self.estimate.mean,
-            pose_covariance: self.estimate.covariance,
+            T_world_robot: self.state.estimate.mean,
+            pose_covariance: self.state.estimate.covariance,
             births_before,
-            names_known: self.identities == Identities::All,
-            map_in_view: self.map_in_view.take(),
+            names_known: self.settings.identities == Identities::All,
+            map_in_view: self.work.map_in_view.take(),
         };
-        let model = &self.model;
-        info.health = self.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
+        let model = &self.models.measurement;
+        info.health = self.state.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
     }
 
     /// What the innovations of the whole run say of the configured noise.
     pub fn noise_report(&self) -> NoiseReport {
-        self.watch.noise.of_run()
+        self.state.watch.noise.of_run()
     }
 
     /// Names that were seen at two places.
     pub fn two_places(&self) -> Vec<TwoPlaces> {
-        self.watch.names.two_places()
+        self.state.watch.names.two_places()
     }
 
     /// Mean and covariance of the pose, motion since the last sampling included.
     pub fn pose(&self) -> PoseEstimate {
-        self.estimate
+        self.state.estimate
     }
 
     /// The particles. In FastSLAM 2.0 their poses are those at the last sighting.
     pub fn particles(&self) -> &Particles {
-        &self.particles
+        &self.state.particles
     }
 
     /// Normalised weights of the particles.
     pub fn weights(&self) -> &[f64] {
-        &self.weights.values
+        &self.state.weights.values
     }
 
     /// Motion since the poses were last sampled (zero in FastSLAM 1.0).
     pub fn pending_motion(&self) -> MotionGaussian {
-        self.pending
+        self.state.pending
     }
 
     /// The paths of the particles.
     pub fn path(&self) -> &PathForest {
-        &self.path
+        &self.state.path
     }
 
     /// What the maps occupy.
     pub fn store_usage(&self) -> StoreUsage {
-        self.landmarks.usage()
+        self.state.landmarks.usage()
     }
 }

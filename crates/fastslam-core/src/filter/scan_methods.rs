@@ -30,17 +30,19 @@ pub(super) fn explain<H: Hypothesis + Clone>(
 impl<M: MeasurementModel> FastSlam<M> {
     /// Adds to the table of fits what speaks for each pair beside the place: appearance, and the odds of a detection.
     pub(super) fn gather_evidence(&mut self, scan: &[ScanSighting], table: &CandidateTable) {
-        if self.landmarks.appearances.is_none() && self.config.association.detection_probability.is_none() {
+        if self.state.landmarks.appearances.is_none()
+            && self.settings.config.association.detection_probability.is_none()
+        {
             return;
         }
-        let mut fits = std::mem::take(&mut self.fits);
+        let mut fits = std::mem::take(&mut self.work.associating.fits);
         fits.add_evidence(table, |j, candidate, evidence| {
             let slot = table.slots[candidate as usize];
             self.add_detection_odds(slot, evidence);
-            if let Some(appearances) = &mut self.landmarks.appearances {
+            if let Some(appearances) = &mut self.state.landmarks.appearances {
                 appearances.add_evidence(slot, scan[j].appearance, evidence);
             }
         });
-        self.fits = fits;
+        self.work.associating.fits = fits;
     }
 }

@@ -147,5 +147,11 @@ pub trait LandmarkStore: Send + Sync {
     fn snapshot(&self) -> Box<dyn LandmarkStore>;
 }
 
+impl Clone for Box<dyn LandmarkStore> {
+    fn clone(&self) -> Self {
+        self.snapshot()
+    }
+}
+
 #[cfg(test)]
 mod tests;

@@ -51,21 +51,21 @@ impl Rejuvenation {
 impl<M: MeasurementModel> FastSlam<M> {
     /// Remembers a control.
     pub(super) fn remember_motion(&mut self, motion: &MotionGaussian) {
-        if let Some(rejuvenation) = &mut self.rejuvenation {
+        if let Some(rejuvenation) = &mut self.state.rejuvenation {
             rejuvenation.history.moved(motion);
         }
     }
 
     /// Remembers a scan whose sightings all belong to the same landmarks in all maps.
     pub(super) fn remember_identified(&mut self, scan: &[ScanSighting]) {
-        let Some(mut rejuvenation) = self.rejuvenation.take() else { return };
+        let Some(mut rejuvenation) = self.state.rejuvenation.take() else { return };
         let birth = |sighting: &ScanSighting| {
-            let slot = sighting.identity.and_then(|identity| self.landmarks.of_identity(identity).first());
-            slot.map_or(NO_LANDMARK, |slot| self.landmarks.birth(*slot) as u32)
+            let slot = sighting.identity.and_then(|identity| self.state.landmarks.of_identity(identity).first());
+            slot.map_or(NO_LANDMARK, |slot| self.state.landmarks.birth(*slot) as u32)
         };
         let births: Vec<u32> = scan.iter().map(birth).collect();
         rejuvenation.history.explained_alike(scan.iter().map(|s| s.measured), &births);
-        self.rejuvenation = Some(rejuvenation);
+        self.state.rejuvenation = Some(rejuvenation);
     }
 
     /// Remembers a scan with every particle's decisions (an equal share each); sightings taken for new landmarks made
@@ -77,35 +77,35 @@ impl<M: MeasurementModel> FastSlam<M> {
         table: &CandidateTable,
         births: &[u64],
     ) {
-        let Some(mut rejuvenation) = self.rejuvenation.take() else { return };
-        let old: Vec<u32> = table.slots.iter().map(|slot| self.landmarks.birth(*slot) as u32).collect();
+        let Some(mut rejuvenation) = self.state.rejuvenation.take() else { return };
+        let old: Vec<u32> = table.slots.iter().map(|slot| self.state.landmarks.birth(*slot) as u32).collect();
         let choice = |particle: usize, j: usize| match decisions[particle * scan.len() + j] {
             Decision::Landmark(candidate) => old[candidate as usize],
             Decision::New => births[j] as u32,
             Decision::Ignored => NO_LANDMARK,
         };
         rejuvenation.history.explained(scan.iter().map(|s| s.measured), choice);
-        self.rejuvenation = Some(rejuvenation);
+        self.state.rejuvenation = Some(rejuvenation);
     }
 
     /// Remembers that a pose was added to every path.
     pub(super) fn remember_step(&mut self) {
-        if let Some(rejuvenation) = &mut self.rejuvenation {
+        if let Some(rejuvenation) = &mut self.state.rejuvenation {
             rejuvenation.history.step_done();
         }
     }
 
     /// The past follows the ancestors like everything else.
     pub(super) fn resample_history(&mut self) {
-        if let Some(rejuvenation) = &mut self.rejuvenation {
-            rejuvenation.history.resample(&self.ancestor_indices);
+        if let Some(rejuvenation) = &mut self.state.rejuvenation {
+            rejuvenation.history.resample(&self.work.ancestor_indices);
         }
     }
 
     /// Whether it is time.
     pub(super) fn rejuvenation_is_due(&self) -> bool {
-        let settings = &self.config.filter.rejuvenation;
-        self.rejuvenation.as_ref().is_some_and(|r| {
+        let settings = &self.settings.config.filter.rejuvenation;
+        self.state.rejuvenation.as_ref().is_some_and(|r| {
             let least = (settings.every_steps as f64).max(settings.growth * r.last as f64);
             (r.history.steps() - r.last) as f64 >= least
         })
@@ -117,56 +117,60 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// (`filter.rejuvenation.every_steps`), when nothing happened since the last time, or when no finite solution was
     /// found.
     pub fn rejuvenate(&mut self) -> bool {
-        let Some(mut rejuvenation) = self.rejuvenation.take() else { return false };
+        let Some(mut rejuvenation) = self.state.rejuvenation.take() else { return false };
         let fresh = rejuvenation.history.steps() > rejuvenation.last;
         let merged = fresh.then(|| self.start_anew(&rejuvenation)).flatten();
         rejuvenation.count += u64::from(merged.is_some());
         rejuvenation.last = rejuvenation.history.steps();
         rejuvenation.merged = merged.unwrap_or(0);
         if merged.is_some() {
-            rejuvenation.history.resample(&self.ancestor_indices);
+            rejuvenation.history.resample(&self.work.ancestor_indices);
         }
-        self.rejuvenation = Some(rejuvenation);
+        self.state.rejuvenation = Some(rejuvenation);
         merged.is_some()
     }
 
     /// Landmarks that went over into others when all was drawn anew the last time.
     pub(super) fn closed(&self) -> u32 {
-        self.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged)
+        self.state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged)
     }
 
     /// Returns how many landmarks went over into others; `None` when nothing was done.
     fn start_anew(&mut self, rejuvenation: &Rejuvenation) -> Option<u32> {
-        let (history, best) = (&rejuvenation.history, self.particles.best());
+        let (history, best) = (&rejuvenation.history, self.state.particles.best());
         let means = self.means_of(best);
         let mut seen = history.seen_by(best);
         for sight in &mut seen {
-            sight.birth = self.merger.present_name(sight.birth, |birth| means.contains_key(&birth));
+            sight.birth = self.state.merger.present_name(sight.birth, |birth| means.contains_key(&birth));
         }
-        let window = self.config.filter.rejuvenation.window_steps.map_or(usize::MAX, |steps| steps as usize);
+        let window = self.settings.config.filter.rejuvenation.window_steps.map_or(usize::MAX, |steps| steps as usize);
         let first_free = history.steps().saturating_sub(window);
         let mut landmarks = by_landmark(&seen, |birth| means.contains_key(&birth));
         landmarks.retain(|sights| sights.seen.last().is_some_and(|last| last.step as usize >= first_free));
-        let poses: Vec<Pose> = self.path.path(best).into_iter().map(|(_, pose)| pose).collect();
+        let poses: Vec<Pose> = self.state.path.path(best).into_iter().map(|(_, pose)| pose).collect();
         if poses.len() != history.steps() {
             return None;
         }
         let guess = Solution {
-            trajectory: Trajectory { start: self.config.initial_pose.T_world_robot(), poses },
+            trajectory: Trajectory { start: self.settings.config.initial_pose.T_world_robot(), poses },
             landmarks: landmarks.iter().map(|sights| means[&sights.birth].1).collect(),
         };
         let mut graph = Graph {
             history,
-            model: &self.model,
-            T_robot_sensor: self.T_robot_sensor,
-            likelihood_exponent: self.config.filter.likelihood_exponent,
+            model: &self.models.measurement,
+            T_robot_sensor: self.models.T_robot_sensor,
+            likelihood_exponent: self.settings.config.filter.likelihood_exponent,
             first_free,
             landmarks,
         };
         let mode = graph.solve(guess)?;
-        let stream = self.random.stream(Purpose::Rejuvenation, rejuvenation.count);
+        let stream = self.settings.random.stream(Purpose::Rejuvenation, rejuvenation.count);
         let (mode, merges) = self.close_loops(&mut graph, mode, stream, &means);
-        let sampling = Sampling { stream, count: self.particles.len(), spread: self.config.filter.rejuvenation.spread };
+        let sampling = Sampling {
+            stream,
+            count: self.state.particles.len(),
+            spread: self.settings.config.filter.rejuvenation.spread,
+        };
         let drawn = draw(&graph, &mode, &sampling);
         let landmarks = graph.landmarks;
         self.adopt(best, &mode.solution, &drawn, &landmarks, &means);
@@ -184,18 +188,18 @@ impl<M: MeasurementModel> FastSlam<M> {
         stream: Stream,
         slots: &FxHashMap<u32, (u32, [f64; 2])>,
     ) -> (Mode, Vec<[u32; 2]>) {
-        let odds = self.config.filter.rejuvenation.closing_odds;
-        if odds == 0.0 || self.identities == Identities::All {
+        let odds = self.settings.config.filter.rejuvenation.closing_odds;
+        if odds == 0.0 || self.settings.identities == Identities::All {
             return (mode, Vec::new());
         }
-        let best = self.particles.best();
+        let best = self.state.particles.best();
         let evidence = |births: [u32; 2]| {
             let [older, younger] = births.map(|birth| slots[&birth].0);
-            let named = self.landmarks.is_named(younger, best);
-            let looks = self.landmarks.appearances.as_ref();
+            let named = self.state.landmarks.is_named(younger, best);
+            let looks = self.state.landmarks.appearances.as_ref();
             (!named).then(|| looks.map_or(0.0, |looks| looks.evidence_of_one([older, younger], best)))
         };
-        let tolerance = self.config.association.merging.tolerance_std_m;
+        let tolerance = self.settings.config.association.merging.tolerance_std_m;
         let closing = Closing { log_odds: math::ln(odds), tolerance_m2: tolerance * tolerance, evidence: &evidence };
         graph.close_loops(mode, &closing, |size, pass| {
             let mut numbers = vec![[0.0; LANES]; size];
@@ -208,12 +212,12 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Slot and mean of every landmark in one map, by birth.
     fn means_of(&self, particle: usize) -> FxHashMap<u32, (u32, [f64; 2])> {
-        let mut row = vec![0.0; self.landmarks.columns()];
+        let mut row = vec![0.0; self.state.landmarks.columns()];
         let mut means = FxHashMap::default();
-        for slot in self.landmarks.live_slots() {
-            if self.landmarks.read_row(slot, particle, &mut row) {
+        for slot in self.state.landmarks.live_slots() {
+            if self.state.landmarks.read_row(slot, particle, &mut row) {
                 let mean = [row[column::MEAN_X], row[column::MEAN_Y]];
-                means.insert(self.landmarks.birth(slot) as u32, (slot, mean));
+                means.insert(self.state.landmarks.birth(slot) as u32, (slot, mean));
             }
         }
         means
@@ -228,18 +232,18 @@ impl<M: MeasurementModel> FastSlam<M> {
         landmarks: &[Sights],
         slots: &FxHashMap<u32, (u32, [f64; 2])>,
     ) {
-        let count = self.particles.len();
-        self.ancestor_indices.clear();
-        self.ancestor_indices.resize(count, best as u32);
-        self.particles.resample(&self.ancestor_indices);
-        self.landmarks.resample(&self.ancestor_indices);
-        self.path.resample(&self.ancestor_indices);
-        self.path.replace(&solution.trajectory.poses, |i| drawn.last_poses[i]);
+        let count = self.state.particles.len();
+        self.work.ancestor_indices.clear();
+        self.work.ancestor_indices.resize(count, best as u32);
+        self.state.particles.resample(&self.work.ancestor_indices);
+        self.state.landmarks.resample(&self.work.ancestor_indices);
+        self.state.path.resample(&self.work.ancestor_indices);
+        self.state.path.replace(&solution.trajectory.poses, |i| drawn.last_poses[i]);
         for (i, pose) in drawn.last_poses.iter().enumerate() {
-            self.particles.set_pose(i, *pose);
+            self.state.particles.set_pose(i, *pose);
         }
         for (sights, gaussians) in landmarks.iter().zip(drawn.landmarks.chunks_exact(count)) {
-            self.landmarks.update(slots[&sights.birth].0, None, |mut rows| {
+            self.state.landmarks.update(slots[&sights.birth].0, None, |mut rows| {
                 let number = |g: &Gaussian, c: usize| match c {
                     column::MEAN_X => g.mean[0],
                     column::MEAN_Y => g.mean[1],

@@ -1,0 +1,64 @@
+//! What a step needs of those before it: all that a snapshot holds.
+
+use super::landmarks::Landmarks;
+use super::merging::Merger;
+use super::particles::{Particles, PoseEstimate};
+use super::rejuvenation::Rejuvenation;
+use crate::config::Config;
+use crate::diagnosis::health::{View, Watch};
+use crate::diagnosis::NoiseReport;
+use crate::motion::{MotionByNoise, MotionGaussian};
+use crate::path::PathForest;
+use crate::weights::Weights;
+
+/// The filter between two steps.
+#[derive(Clone)]
+pub(super) struct State {
+    pub particles: Particles,
+    pub weights: Weights,
+    /// The maps.
+    pub landmarks: Landmarks,
+    pub path: PathForest,
+    /// What is remembered to draw paths anew; only when that is configured.
+    pub rejuvenation: Option<Rejuvenation>,
+    /// Motion since the last sampling of the poses, the same for all particles (FastSLAM 2.0).
+    pub pending: MotionGaussian,
+    /// Motion since the last scan, for the noise check.
+    pub motion_since_scan: MotionByNoise,
+    pub counters: Counters,
+    pub merger: Merger,
+    /// Whether all this can be believed.
+    pub watch: Watch,
+    /// What the sliding window said of the noise when it was last looked at.
+    pub noise_report: NoiseReport,
+    pub estimate: PoseEstimate,
+}
+
+/// How often something was done: numbers the random streams.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Counters {
+    pub controls: u64,
+    pub samplings: u64,
+    pub steps: u64,
+}
+
+impl State {
+    /// At the configured initial pose, with these maps.
+    pub fn new(config: &Config, landmarks: Landmarks) -> Self {
+        let (start, particles) = (config.initial_pose.T_world_robot(), config.filter.particles as usize);
+        Self {
+            particles: Particles::at(start, particles),
+            weights: Weights { values: vec![1.0 / particles as f64; particles], ..Weights::default() },
+            landmarks,
+            path: PathForest::new(particles),
+            rejuvenation: (config.filter.rejuvenation.every_steps > 0).then(|| Rejuvenation::new(particles)),
+            pending: MotionGaussian::default(),
+            motion_since_scan: MotionByNoise::default(),
+            counters: Counters::default(),
+            merger: Merger::default(),
+            watch: Watch::new(config.health, View::of(config)),
+            noise_report: NoiseReport::default(),
+            estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
+        }
+    }
+}

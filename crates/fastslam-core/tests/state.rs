@@ -1,0 +1,104 @@
+//! The state of a filter holds all that later steps need: a copy taken anywhere goes on to the same bits.
+
+use fastslam_core::config::{
+    Algorithm, AssociationMode, Config, ExistenceForm, MergingRule, Method, ParticleNumber, Removal,
+};
+use fastslam_core::filter::{FastSlam, Identities, Sighting};
+use fastslam_core::geometry::Pose;
+use fastslam_core::math::wrap_angle;
+use fastslam_core::random::{Purpose, RandomSource};
+use fastslam_core::store::StoreKind;
+
+const STEPS: u64 = 90;
+const DT_S: f64 = 0.3;
+
+/// The sightings of all landmarks of a grid that a robot on a circle has within 5 m.
+fn sightings(step: u64) -> Vec<Sighting> {
+    let turned = (0..=step).fold(Pose::default(), |pose, _| pose.compose(Pose::new(0.3, 0.0, 0.045)));
+    let noise = RandomSource::new(3).stream(Purpose::Simulation, step);
+    let mut seen = Vec::new();
+    for identity in 0..100_u32 {
+        let (x, y) = (f64::from(identity % 10) * 2.7 - 13.0, f64::from(identity / 10) * 2.4 - 6.0);
+        let (dx, dy) = (x - turned.x, y - turned.y);
+        if dx.hypot(dy) < 5.0 && !step.is_multiple_of(5) {
+            let [range, bearing] = noise.normal_pair(identity, 0);
+            let bearing = wrap_angle(dy.atan2(dx) - turned.heading) + 0.02 * bearing;
+            let named = (!identity.is_multiple_of(3)).then_some(identity);
+            seen.push(Sighting::range_bearing(dx.hypot(dy) + 0.1 * range, bearing, named));
+        }
+    }
+    seen
+}
+
+/// Goes on from step `first`, and gives all that the filter says from then on, as bits; `at` sees it before every step.
+fn go_on(mut filter: FastSlam, first: u64, mut at: impl FnMut(u64, &FastSlam)) -> Vec<u64> {
+    let mut said = Vec::new();
+    for step in first..STEPS {
+        at(step, &filter);
+        filter.predict([1.0, 0.15, 0.0], DT_S).unwrap();
+        let info = filter.update(step as f64 * DT_S, &sightings(step)).unwrap();
+        let pose = filter.predicted_pose();
+        said.extend(pose.mean.to_array().map(f64::to_bits));
+        said.extend(pose.covariance.as_flattened().iter().map(|v| v.to_bits()));
+        said.extend([info.log_likelihood, info.nis, info.effective_sample_size].map(f64::to_bits));
+        said.extend([info.merged, info.removed, info.particles, u32::from(info.health.reasons)].map(u64::from));
+    }
+    filter.rejuvenate();
+    said.extend(filter.best_path().iter().flat_map(|(_, pose)| pose.to_array()).map(f64::to_bits));
+    for landmark in filter.map().landmarks {
+        said.push(landmark.birth);
+        let c = landmark.covariance;
+        said.extend([landmark.mean[0], landmark.mean[1], c.xx, c.xy, c.yy].map(f64::to_bits));
+    }
+    said
+}
+
+fn configurations() -> Vec<Config> {
+    let mut all = Vec::new();
+    for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
+        for (place, store) in [StoreKind::Dense, StoreKind::Tree, StoreKind::Lineage].into_iter().enumerate() {
+            for variant in 0..4 {
+                let mut config = Config { seed: 9, algorithm, ..Config::default() };
+                config.filter.store = store;
+                config.filter.particles = 12;
+                config.association.mode = AssociationMode::Unknown;
+                match variant {
+                    0 => config.filter.adaptive.number = ParticleNumber::Kld,
+                    1 => {
+                        config.filter.rejuvenation.every_steps = 20;
+                        config.association.merging.rule = MergingRule::Nearby;
+                    }
+                    2 => {
+                        config.association.method = [Method::Sampled, Method::Assignment, Method::Joint][place];
+                        config.association.existence.form = ExistenceForm::Bayes;
+                        config.association.existence.removal = Removal::WhenMissed;
+                        config.association.detection_probability = Some(0.9);
+                        config.association.clutter_density = Some(1e-3);
+                    }
+                    _ => config.association.mode = AssociationMode::Known,
+                }
+                all.push(config);
+            }
+        }
+    }
+    all
+}
+
+#[test]
+fn a_copy_taken_anywhere_goes_on_to_the_same_bits() {
+    let mut copies = 0;
+    for config in configurations() {
+        let mut cuts = Vec::new();
+        let whole = go_on(FastSlam::new(config.clone(), Identities::Some).unwrap(), 0, |step, filter| {
+            if [1, 4, 5, 21, 41, 42, 88].contains(&step) {
+                cuts.push((step, filter.clone()));
+            }
+        });
+        for (step, filter) in cuts {
+            let rest = go_on(filter, step, |_, _| ());
+            assert!(rest.len() > 100 && whole.ends_with(&rest), "cut before step {step}: {config:?}");
+            copies += 1;
+        }
+    }
+    assert_eq!(copies, 24 * 7);
+}
