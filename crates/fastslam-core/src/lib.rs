@@ -25,6 +25,7 @@ pub mod resampling;
 pub mod run;
 pub mod sighting;
 pub mod slam;
+mod smoothing;
 pub mod step_info;
 pub mod store;
 pub mod testing;

@@ -10,18 +10,12 @@ use crate::density::chi_squared_2;
 use crate::gaussian::{distance_squared, product, spread_product, Gaussian};
 use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
+use crate::smoothing::RARE;
 use crate::store::Rows;
 use rustc_hash::FxHashMap;
 
 /// Duplicates are looked for in every so many steps.
 const PERIOD: u64 = 8;
-
-/// Two landmarks are two things when they were sighted together once in so many sightings of the younger (of either,
-/// where loops are closed).
-///
-/// **Why:** not never, because a particle that takes a sighting for the wrong one of two duplicates takes another one of
-/// the scan for the right one now and then.
-pub(super) const RARE: f64 = 20.0;
 
 /// What merging remembers.
 #[derive(Clone, Debug, Default)]

@@ -1,4 +1,4 @@
-//! What rejuvenation needs to know of the past: motions, sightings, and to which landmark each particle gave them.
+//! What smoothing needs to know of the past: motions, sightings, and to which landmark each particle gave them.
 
 use crate::geometry::Pose;
 use crate::motion::MotionGaussian;

@@ -8,26 +8,16 @@
 //! **Source:** `beevers2007fixedlag` for the idea of drawing past poses again; the exact factorisation
 //! (`montemerlo2002fastslam`, eq. 3) is what makes landmarks follow from a path. Exact in a linear-Gaussian world.
 
-mod closing;
-mod conditional;
-mod differences;
-mod factor;
-mod graph;
-mod history;
-
 use super::{FastSlam, Identities};
 use crate::association::{CandidateTable, Decision, ScanSighting};
-use crate::geometry::{Pose, Symmetric2};
+use crate::geometry::Pose;
 use crate::landmark::{column, Gaussian};
 use crate::math;
 use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
 use crate::random::{Purpose, Stream};
-use crate::vector::vectorized;
-use closing::Closing;
-use conditional::{Draws, Lanes, LANES};
-use graph::{by_landmark, Graph, Mode, Sights, Solution};
-use history::{History, Trajectory, NO_LANDMARK};
+use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Sampling, LANES};
+use crate::smoothing::{Closing, Graph, History, Mode, Sights, Solution, Trajectory, NO_LANDMARK};
 use rustc_hash::FxHashMap;
 
 /// When to rejuvenate, and what is remembered for it.
@@ -263,85 +253,5 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         self.restart_weights();
         self.estimate_beliefs();
-    }
-}
-
-/// Draws from the posterior.
-struct Drawn {
-    /// Pose of each particle at the last step.
-    last_poses: Vec<Pose>,
-    /// Landmark by landmark, one Gaussian per particle.
-    landmarks: Vec<Gaussian>,
-}
-
-/// How to draw.
-struct Sampling {
-    stream: Stream,
-    /// Number of draws.
-    count: usize,
-    /// Distance from the mode, 1 for that of the posterior.
-    spread: f64,
-}
-
-fn draw<M: MeasurementModel>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) -> Drawn {
-    let count = sampling.count;
-    let (held, free) = mode.solution.trajectory.poses.split_at(graph.first_free);
-    let mut draws = Draws {
-        first_free: graph.first_free,
-        poses: vec![[[0.0; LANES]; 3]; free.len()],
-        held: held.iter().map(|pose| pose.compose(graph.T_robot_sensor)).collect(),
-        landmarks: vec![[[0.0; LANES]; 2]; graph.landmarks.len()],
-    };
-    let nothing = Gaussian { mean: [0.0; 2], covariance: Symmetric2::default() };
-    let mut drawn =
-        Drawn { last_poses: Vec::with_capacity(count), landmarks: vec![nothing; count * graph.landmarks.len()] };
-    let mut numbers = vec![[0.0; LANES]; mode.factor.size()];
-    for first in (0..count).step_by(LANES) {
-        fill_normal(&mut numbers, sampling, first as u32);
-        mode.factor.draw(&mut numbers, |variable, lanes| place(variable, lanes, mode, &mut draws));
-        let lanes = LANES.min(count - first);
-        if let Some([x, y, heading]) = draws.poses.last() {
-            drawn.last_poses.extend((0..lanes).map(|i| Pose::new(x[i], y[i], math::wrap_angle(heading[i]))));
-        }
-        draws.move_to_sensor(graph.T_robot_sensor);
-        for (k, sights) in graph.landmarks.iter().enumerate() {
-            let gaussians = draws.landmark_given_paths(graph.model, graph.history, sights, k);
-            drawn.landmarks[k * count + first..][..lanes].copy_from_slice(&gaussians[..lanes]);
-        }
-    }
-    drawn
-}
-
-/// Normal numbers, addressed by particle and variable.
-fn fill_normal(numbers: &mut [Lanes], sampling: &Sampling, first_particle: u32) {
-    let (stream, spread) = (sampling.stream, sampling.spread);
-    vectorized(
-        #[inline(always)]
-        || {
-            for (pair, rows) in numbers.chunks_mut(2).enumerate() {
-                for lane in 0..LANES {
-                    let drawn = stream.normal_pair(first_particle + lane as u32, pair as u32);
-                    for (row, number) in rows.iter_mut().zip(drawn) {
-                        row[lane] = spread * number;
-                    }
-                }
-            }
-        },
-    );
-}
-
-/// Adds the deviations of one variable to the mode.
-fn place(variable: usize, deviations: &Lanes, mode: &Mode, draws: &mut Draws) {
-    let free = &mode.solution.trajectory.poses[draws.first_free..];
-    let around = |center: f64| deviations.map(|d| center + d);
-    match variable.checked_sub(3 * free.len()) {
-        None => {
-            let (row, coordinate) = (variable / 3, variable % 3);
-            draws.poses[row][coordinate] = around(free[row].to_array()[coordinate]);
-        }
-        Some(of_landmarks) => {
-            let (landmark, coordinate) = (of_landmarks / 2, of_landmarks % 2);
-            draws.landmarks[landmark][coordinate] = around(mode.solution.landmarks[landmark][coordinate]);
-        }
     }
 }

@@ -8,7 +8,6 @@
 //!
 //! **Source:** joint compatibility (`neira2001jcbb`), here between landmarks and as a likelihood ratio.
 
-use super::super::merging::RARE;
 use super::conditional::{Lanes, LANES};
 use super::differences::{Candidate, Differences, Pair, Set};
 use super::graph::{Graph, Mode, Sights};
@@ -24,6 +23,12 @@ const YOUNGER_AT_ONCE: usize = 10;
 const OLDER_EACH: usize = 6;
 /// Sets are looked for so many times: what a closed loop makes sure lets others close.
 const PASSES: usize = 8;
+/// Two landmarks are two things when they were sighted together once in so many sightings of the younger (of either,
+/// where loops are closed).
+///
+/// **Why:** not never, because a particle that takes a sighting for the wrong one of two duplicates takes another one of
+/// the scan for the right one now and then.
+pub const RARE: f64 = 20.0;
 /// The density of landmarks is that among so many neighbours.
 const NEIGHBOURS: usize = 8;
 

@@ -1,0 +1,22 @@
+//! The posterior over a whole path and its map, given which sighting shows which landmark, as sparse least squares.
+//!
+//! Motions and sightings of the past ([`History`]) make a [`Graph`]; its most probable solution and the precision there
+//! (the Laplace approximation, [`Mode`]) describe the posterior. Loops that the associations have missed are closed by
+//! joint evidence ([`Closing`]); paths are drawn, and landmarks follow from each ([`draw`]). It knows no particle filter.
+//!
+//! **Source:** `beevers2007fixedlag` for the idea of drawing past poses again; the exact factorisation
+//! (`montemerlo2002fastslam`, eq. 3) is what makes landmarks follow from a path. Exact in a linear-Gaussian world.
+
+mod closing;
+mod conditional;
+mod differences;
+mod draws;
+mod factor;
+mod graph;
+mod history;
+
+pub(crate) use closing::{Closing, RARE};
+pub(crate) use conditional::LANES;
+pub(crate) use draws::{draw, fill_normal, Drawn, Sampling};
+pub(crate) use graph::{by_landmark, Graph, Mode, Sights, Solution};
+pub(crate) use history::{History, Trajectory, NO_LANDMARK};
