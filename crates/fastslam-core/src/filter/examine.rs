@@ -1,41 +1,18 @@
 //! Looks at some scans before the filter uses them: what it predicted of their sightings, and what came.
 
 use super::scan::ScanSighting;
+use super::work::{Examination, Pair, Prediction, SUBSET};
 use super::FastSlam;
 use crate::association::{by_robot_pose, Box2, CandidateTable, Decision};
 use crate::config::Algorithm;
 use crate::diagnosis::health::{InView, MapInView};
 use crate::diagnosis::innovations::{PredictedScan, JOINT_MAX};
 use crate::geometry::Symmetric2;
-use crate::landmark::{column, gaussian_in, innovation_covariance, Gaussian, Measured};
+use crate::landmark::{column, gaussian_in, innovation_covariance, Gaussian};
 use crate::measurement::MeasurementModel;
 
-/// Particles that stand for all; evenly spaced, so that they come from different ancestors.
-const SUBSET: usize = 16;
 /// A landmark seen less often than this may be clutter, of which nobody expects to see it again.
 const SIGHTINGS_TO_COUNT: f64 = 3.0;
-
-/// A sighting with the landmark that it shows, as each particle of the subset has it.
-type Pair = (Measured, [Option<Gaussian>; SUBSET]);
-
-/// What an examination needs to remember; kept for its memory.
-#[derive(Debug, Default)]
-pub(super) struct Examination {
-    /// Sightings of known landmarks, with the slot or the candidate.
-    known: Vec<(usize, u32)>,
-    particles: Vec<usize>,
-    pairs: Vec<Pair>,
-    predictions: Vec<Prediction>,
-    in_reach: Vec<u32>,
-    row: Vec<f64>,
-}
-
-/// What one particle predicts of the sightings of a scan.
-#[derive(Debug)]
-struct Prediction {
-    weight: f64,
-    scan: PredictedScan,
-}
 
 impl<M: MeasurementModel> FastSlam<M> {
     /// Examines a scan whose identities are all known.

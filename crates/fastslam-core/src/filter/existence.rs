@@ -5,6 +5,8 @@
 //! In place of fixed numbers they can follow Bayes' rule; and where the probability of a detection is known, a map that
 //! holds landmarks in view that were not sighted loses weight.
 
+use super::landmarks::EXISTENCE_COLUMNS;
+use super::work::{Judging, Verdict};
 use super::{FastSlam, Particles, StepInfo};
 use crate::association::{Box2, CandidateTable, Decision};
 use crate::config::{AssociationConfig, ExistenceForm, Removal};
@@ -12,20 +14,6 @@ use crate::landmark::column;
 use crate::math;
 use crate::measurement::MeasurementModel;
 use crate::vector::vectorized;
-
-/// Columns of the existence store: whether the row counts, and the log-odds.
-pub(super) const COLUMNS: usize = 2;
-
-/// What judging a scan needs to remember; kept for its memory.
-#[derive(Debug, Default)]
-pub(super) struct Judging {
-    in_reach: Vec<u32>,
-    /// Whether a particle took some sighting for a candidate: one entry per particle, for each candidate in turn.
-    sighted: Vec<bool>,
-    verdicts: Vec<Verdict>,
-    judged: Vec<bool>,
-    dead: Vec<bool>,
-}
 
 impl<M: MeasurementModel> FastSlam<M> {
     /// Whether scans are judged by what they should have shown.
@@ -176,7 +164,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let Particles { log_weight, score, .. } = &mut self.state.particles;
         let Some(existence) = &mut self.state.landmarks.existence else { return 0 };
         existence.update(slot, Some(judged), &mut |rows| {
-            let [present, log_odds] = rows.columns::<COLUMNS>();
+            let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
             for (i, verdict) in verdicts.iter().enumerate().filter(|(_, v)| **v != Verdict::Unseen) {
                 if present[i] == 0.0 {
                     continue;
@@ -236,15 +224,4 @@ fn note_sighted(decisions: &[Decision], candidates: usize, particles: usize, sig
             }
         }
     }
-}
-
-/// What a scan says about a landmark in one map.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Verdict {
-    /// It could not be seen.
-    Unseen,
-    /// It was in view and was not sighted.
-    Missed,
-    /// It was sighted; the log-likelihood of that.
-    Sighted(f64),
 }

@@ -1,7 +1,6 @@
 //! The landmarks of all maps: the store with names, births and places.
 
 use super::appearance::Appearances;
-use super::existence;
 use crate::association::{Box2, Grid, Identities};
 use crate::config::Config;
 use crate::landmark::column;
@@ -9,6 +8,9 @@ use crate::store::{LandmarkStore, Rows, RowsMut, StoreUsage};
 use crate::vector::vectorized;
 use crate::workers::Workers;
 use rustc_hash::FxHashMap;
+
+/// Columns of the existence store: whether the row counts, and the log-odds.
+pub(super) const EXISTENCE_COLUMNS: usize = 2;
 
 /// A landmark hypothesis, shared by the particles that created it from one sighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +49,7 @@ impl Landmarks {
         Self {
             store: kind.create(particles, columns),
             columns,
-            existence: (identities != Identities::All).then(|| kind.create(particles, existence::COLUMNS)),
+            existence: (identities != Identities::All).then(|| kind.create(particles, EXISTENCE_COLUMNS)),
             appearances: Appearances::new(kind, particles, &config.association),
             slots: Vec::new(),
             free: Vec::new(),

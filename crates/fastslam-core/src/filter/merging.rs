@@ -4,7 +4,8 @@
 //! found and reported once. Or one map holds two: given the path their Gaussians are independent, so that their product
 //! is what all sightings together say.
 
-use super::{existence, FastSlam, Particles, StepInfo};
+use super::landmarks::EXISTENCE_COLUMNS;
+use super::{FastSlam, Particles, StepInfo};
 use crate::association::{CandidateTable, Decision};
 use crate::density::chi_squared_2;
 use crate::gaussian::{distance_squared, product, spread_product, Gaussian};
@@ -12,60 +13,9 @@ use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
 use crate::smoothing::RARE;
 use crate::store::Rows;
-use rustc_hash::FxHashMap;
 
 /// Duplicates are looked for in every so many steps.
 const PERIOD: u64 = 8;
-
-/// What merging remembers.
-#[derive(Clone, Debug, Default)]
-pub struct Merger {
-    /// In how many scans the best particle sighted two landmarks, named by their births, the lesser one first.
-    together: FxHashMap<(u64, u64), u32>,
-    /// Into which landmark another one went over in some map, by their births.
-    united: FxHashMap<u64, u64>,
-    /// Of the landmarks that the best particle sighted; kept for its memory.
-    births: Vec<u64>,
-}
-
-impl Merger {
-    fn note(&mut self, a: u64, b: u64, scans: u32) {
-        if a != b {
-            *self.together.entry((a.min(b), a.max(b))).or_default() += scans;
-        }
-    }
-
-    /// Scans in which both were sighted.
-    fn together(&self, a: u64, b: u64) -> u32 {
-        self.together.get(&(a.min(b), a.max(b))).copied().unwrap_or(0)
-    }
-
-    /// The birth under which a landmark is found in a map, after all that happened to it since; its own when nowhere.
-    pub fn present_name(&self, birth: u32, is_held: impl Fn(u32) -> bool) -> u32 {
-        let mut name = birth;
-        while !is_held(name) {
-            // Landmarks go over into older ones, so that this ends.
-            match self.united.get(&u64::from(name)) {
-                Some(older) => name = *older as u32,
-                None => return birth,
-            }
-        }
-        name
-    }
-
-    /// What holds of landmark `from` holds of `into` from now on.
-    fn rename(&mut self, from: u64, into: u64) {
-        let partner = |(a, b): &(u64, u64)| match (*a == from, *b == from) {
-            (true, _) => Some(*b),
-            (_, true) => Some(*a),
-            _ => None,
-        };
-        let partners: Vec<(u64, u32)> =
-            self.together.iter().filter_map(|(pair, scans)| Some((partner(pair)?, *scans))).collect();
-        self.together.retain(|pair, _| partner(pair).is_none());
-        partners.into_iter().for_each(|(other, scans)| self.note(other, into, scans));
-    }
-}
 
 /// The particles in which a landmark goes over into another: taken as it is, or combined with what is there.
 struct Union {
@@ -221,14 +171,14 @@ impl<M: MeasurementModel> FastSlam<M> {
         let Some(store) = &mut self.state.landmarks.existence else { return };
         let young = store.read(younger).column(1).to_vec();
         store.update(older, Some(touched), &mut |rows| {
-            let [present, log_odds] = rows.columns::<{ existence::COLUMNS }>();
+            let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
             for i in (0..n).filter(|i| touched[*i]) {
                 log_odds[i] = if present[i] == 0.0 { young[i] } else { log_odds[i].max(young[i]) };
                 present[i] = 1.0;
             }
         });
         store.update(younger, Some(touched), &mut |rows| {
-            let [present, log_odds] = rows.columns::<{ existence::COLUMNS }>();
+            let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
             (0..n).filter(|i| touched[*i]).for_each(|i| (present[i], log_odds[i]) = (0.0, 0.0));
         });
     }
@@ -243,22 +193,4 @@ fn average(rows: &Rows<'_>, n: usize) -> Option<Gaussian> {
     let share = 1.0 / held.len() as f64;
     let mean = [0, 1].map(|axis| held.iter().map(|l| share * l.mean[axis]).sum::<f64>());
     Some(Gaussian::mixture_about(mean, held.iter().map(|landmark| (share, *landmark))))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_was_seen_together_stays_so_under_another_name() {
-        let mut merger = Merger::default();
-        merger.note(7, 2, 3);
-        merger.note(7, 9, 1);
-        merger.note(4, 2, 1);
-        merger.rename(7, 4);
-        merger.united.extend([(9, 7), (7, 4)]);
-        assert_eq!([merger.present_name(9, |b| b == 4), merger.present_name(9, |b| b == 9)], [4, 9]);
-        assert_eq!(merger.present_name(9, |_| false), 9);
-        assert_eq!([merger.together(4, 2), merger.together(9, 4), merger.together(7, 2)], [4, 1, 0]);
-    }
 }

@@ -9,6 +9,7 @@ mod existence;
 mod extent;
 mod identified;
 mod landmarks;
+mod merger;
 mod merging;
 mod names;
 mod particles;

@@ -8,6 +8,7 @@
 //! **Source:** `beevers2007fixedlag` for the idea of drawing past poses again; the exact factorisation
 //! (`montemerlo2002fastslam`, eq. 3) is what makes landmarks follow from a path. Exact in a linear-Gaussian world.
 
+use super::state::Rejuvenation;
 use super::{FastSlam, Identities};
 use crate::association::{CandidateTable, Decision, ScanSighting};
 use crate::geometry::Pose;
@@ -17,26 +18,8 @@ use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
 use crate::random::{Purpose, Stream};
 use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Sampling, LANES};
-use crate::smoothing::{Closing, Graph, History, Mode, Sights, Solution, Trajectory, NO_LANDMARK};
+use crate::smoothing::{Closing, Graph, Mode, Sights, Solution, Trajectory, NO_LANDMARK};
 use rustc_hash::FxHashMap;
-
-/// When to rejuvenate, and what is remembered for it.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Rejuvenation {
-    history: History,
-    /// Steps at the last time.
-    last: usize,
-    /// How often it was done: numbers the random streams.
-    count: u64,
-    /// Landmarks that went over into others at the last time.
-    merged: u32,
-}
-
-impl Rejuvenation {
-    pub fn new(particles: usize) -> Self {
-        Self { history: History::new(particles), ..Self::default() }
-    }
-}
 
 impl<M: MeasurementModel> FastSlam<M> {
     /// Remembers a control.

@@ -1,14 +1,14 @@
 //! What a step needs of those before it: all that a snapshot holds.
 
 use super::landmarks::Landmarks;
-use super::merging::Merger;
+use super::merger::Merger;
 use super::particles::{Particles, PoseEstimate};
-use super::rejuvenation::Rejuvenation;
 use crate::config::Config;
 use crate::diagnosis::health::{View, Watch};
 use crate::diagnosis::NoiseReport;
 use crate::motion::{MotionByNoise, MotionGaussian};
 use crate::path::PathForest;
+use crate::smoothing::History;
 use crate::weights::Weights;
 
 /// The filter between two steps.
@@ -40,6 +40,24 @@ pub(super) struct Counters {
     pub controls: u64,
     pub samplings: u64,
     pub steps: u64,
+}
+
+/// When to rejuvenate, and what is remembered for it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Rejuvenation {
+    pub history: History,
+    /// Steps at the last time.
+    pub last: usize,
+    /// How often it was done: numbers the random streams.
+    pub count: u64,
+    /// Landmarks that went over into others at the last time.
+    pub merged: u32,
+}
+
+impl Rejuvenation {
+    pub fn new(particles: usize) -> Self {
+        Self { history: History::new(particles), ..Self::default() }
+    }
 }
 
 impl State {

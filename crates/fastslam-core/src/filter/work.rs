@@ -1,11 +1,10 @@
 //! Memory that steps share. What it holds counts for nothing once a step is done.
 
 use super::beliefs::Beliefs;
-use super::examine::Examination;
-use super::existence::Judging;
 use crate::association::{fast, CandidateTable, Decision, FitTable, Scratch};
 use crate::diagnosis::health::MapInView;
-use crate::landmark::SensorPoses;
+use crate::diagnosis::innovations::PredictedScan;
+use crate::landmark::{Gaussian, Measured, SensorPoses};
 use crate::resampling::Resampler;
 use crate::sighting::ScanSighting;
 use crate::workers::{PerThread, Workers};
@@ -61,6 +60,53 @@ pub(super) struct Correcting {
     pub founded: Vec<(usize, u32)>,
     /// Log-likelihood of the scan's sighting of every candidate in every map; only where existence follows Bayes' rule.
     pub sighting_densities: Vec<f64>,
+}
+
+/// What judging a scan needs to remember; kept for its memory.
+#[derive(Debug, Default)]
+pub(super) struct Judging {
+    pub in_reach: Vec<u32>,
+    /// Whether a particle took some sighting for a candidate: one entry per particle, for each candidate in turn.
+    pub sighted: Vec<bool>,
+    pub verdicts: Vec<Verdict>,
+    pub judged: Vec<bool>,
+    pub dead: Vec<bool>,
+}
+
+/// What a scan says about a landmark in one map.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Verdict {
+    /// It could not be seen.
+    Unseen,
+    /// It was in view and was not sighted.
+    Missed,
+    /// It was sighted; the log-likelihood of that.
+    Sighted(f64),
+}
+
+/// Particles that stand for all; evenly spaced, so that they come from different ancestors.
+pub(super) const SUBSET: usize = 16;
+
+/// A sighting with the landmark that it shows, as each particle of the subset has it.
+pub(super) type Pair = (Measured, [Option<Gaussian>; SUBSET]);
+
+/// What an examination needs to remember; kept for its memory.
+#[derive(Debug, Default)]
+pub(super) struct Examination {
+    /// Sightings of known landmarks, with the slot or the candidate.
+    pub known: Vec<(usize, u32)>,
+    pub particles: Vec<usize>,
+    pub pairs: Vec<Pair>,
+    pub predictions: Vec<Prediction>,
+    pub in_reach: Vec<u32>,
+    pub row: Vec<f64>,
+}
+
+/// What one particle predicts of the sightings of a scan.
+#[derive(Debug)]
+pub(super) struct Prediction {
+    pub weight: f64,
+    pub scan: PredictedScan,
 }
 
 impl Work {

@@ -8,8 +8,8 @@
 //!
 //! **Source:** joint compatibility (`neira2001jcbb`), here between landmarks and as a likelihood ratio.
 
-use super::conditional::{Lanes, LANES};
 use super::differences::{Candidate, Differences, Pair, Set};
+use super::factor::{Lanes, LANES};
 use super::graph::{Graph, Mode, Sights};
 use crate::math;
 use crate::measurement::MeasurementModel;

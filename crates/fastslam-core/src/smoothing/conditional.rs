@@ -1,17 +1,12 @@
 //! Landmarks given paths: the exact factorisation, for many sampled paths side by side.
 
+use super::factor::{Lanes, LANES};
 use super::graph::Sights;
 use super::history::History;
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{Gaussian, Measured};
 use crate::measurement::MeasurementModel;
 use crate::vector::vectorized;
-
-/// Paths that are worked on side by side.
-pub const LANES: usize = 16;
-
-/// One coordinate of a pose in all lanes.
-pub type Lanes = [f64; LANES];
 
 /// Draws of paths with their landmarks, side by side.
 pub struct Draws {

@@ -1,6 +1,7 @@
 //! Draws of whole paths from the posterior, with the landmarks that follow from each.
 
-use super::conditional::{Draws, Lanes, LANES};
+use super::conditional::Draws;
+use super::factor::{Lanes, LANES};
 use super::graph::{Graph, Mode};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::Gaussian;

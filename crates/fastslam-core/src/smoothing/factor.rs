@@ -1,6 +1,5 @@
 //! The sparse Cholesky factor of a precision matrix: solves with it, and draws from the Gaussian it describes.
 
-use super::conditional::LANES;
 use crate::vector::vectorized;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::{
@@ -9,6 +8,12 @@ use faer::sparse::linalg::cholesky::{
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Par, Side};
+
+/// Draws that are worked on side by side.
+pub const LANES: usize = 16;
+
+/// One number in all of them.
+pub type Lanes = [f64; LANES];
 
 /// The upper triangle of a symmetric matrix, column by column.
 #[derive(Clone, Debug, Default)]

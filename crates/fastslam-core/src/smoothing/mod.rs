@@ -16,7 +16,7 @@ mod graph;
 mod history;
 
 pub(crate) use closing::{Closing, RARE};
-pub(crate) use conditional::LANES;
 pub(crate) use draws::{draw, fill_normal, Drawn, Sampling};
+pub(crate) use factor::LANES;
 pub(crate) use graph::{by_landmark, Graph, Mode, Sights, Solution};
 pub(crate) use history::{History, Trajectory, NO_LANDMARK};
