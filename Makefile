@@ -9,7 +9,6 @@ IN_VENV := env -u CONDA_PREFIX -u PYTHONPATH -u PYTHONHOME VIRTUAL_ENV="$(CURDIR
 
 SOURCES := pyproject.toml Cargo.toml $(wildcard Cargo.lock) \
            $(shell find crates -name '*.rs' -o -name Cargo.toml)
-CARGO_BENCHES := $(wildcard crates/*/benches/*.rs)
 PYTHON_BENCHES := $(wildcard benchmarks/bench_*.py)
 QUICK ?=
 
@@ -48,10 +47,8 @@ docs: setup ## write the reference pages that come from the code, and the pictur
 	$(BIN)/python docs/generate.py
 	$(BIN)/python docs/images/draw.py
 
-bench: setup ## run the benchmarks (QUICK=1: a short pass over each)
-ifneq ($(CARGO_BENCHES),)
-	cargo bench -p fastslam-core --bench '*' -- $(if $(QUICK),--quick)
-endif
+bench: setup ## run the benchmarks (QUICK=1: counted instructions, and a short pass over kernels and scale)
+	cargo bench -p fastslam-core $(if $(QUICK),--bench instructions --bench stages -- --quick kernels,--bench '*')
 	@set -e; for bench in $(PYTHON_BENCHES); do \
 	  echo "== $$bench"; $(BIN)/python $$bench $(if $(QUICK),--quick); done
 
