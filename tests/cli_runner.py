@@ -27,9 +27,17 @@ class Outcome:
         assert contains in errors[0], errors[0]
 
 
+def _runner() -> CliRunner:
+    """One that keeps stdout and stderr apart, which click did not do by itself before 8.2."""
+    try:
+        return CliRunner(mix_stderr=False)  # type: ignore[call-arg]
+    except TypeError:
+        return CliRunner()
+
+
 def fastslam(*arguments: object) -> Outcome:
     """Runs `fastslam ARGUMENTS...`; an unexpected exception of the command is raised here."""
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments], prog_name="fastslam")
+    result = _runner().invoke(app, [str(argument) for argument in arguments], prog_name="fastslam")
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return Outcome(result.exit_code, result.stdout, result.stderr)

@@ -18,7 +18,7 @@ from fastslam.errors import ConfigError, DataError, NumericalError
 from fastslam.log import Log
 from fastslam.simulation import simulate
 from test_csv_dialects import YAML, folder_with
-from test_datasets_formats import car_park, lost_in_the_woods, utias
+from test_datasets_formats import car_park, freiburg, lost_in_the_woods, utias
 
 CONTROLS = ([0.0, 0.1], [[1.0, 0.0], [1.0, 0.0]])
 ARRAYS: dict[str, tuple[Any, Any, Any, str]] = {
@@ -162,6 +162,26 @@ def test_true_landmarks_are_finite(tmp_path: Path) -> None:
     scipy.io.savemat(file, {**data, "l": np.array([[1.0, np.inf], [3.0, 4.0]])}, do_compression=True)
     with pytest.raises(DataError, match="variable l: got NaN or infinite positions"):
         load(file.parent)
+
+
+def test_numbers_of_a_graph_whose_squares_are_none(tmp_path: Path) -> None:
+    path = tmp_path / "small.g2o"
+    path.write_text("EDGE_SE2 0 1 1 0 0 100 0 0 100 0 400\nEDGE_SE2_XY 1 7 3 4e300 100 0 100\n")
+    with pytest.raises(DataError, match=r"small\.g2o:2: EDGE_SE2_XY: got '4e300', expected at most 1e\+30"):
+        load(path)
+
+
+def test_true_landmarks_of_the_freiburg_course_are_finite(tmp_path: Path) -> None:
+    folder = freiburg(tmp_path)
+    (folder / "world.dat").write_text("4 1.5 nan\n")
+    with pytest.raises(DataError, match=r"world\.dat:1: got NaN or infinite values"):
+        load(folder)
+
+
+def test_messages_have_an_end() -> None:
+    with pytest.raises(ConfigError) as raised:
+        Config.resolve({"filter": {"adaptive": {"delta": "9" * 10_000}}})
+    assert len(str(raised.value)) == 1000 and str(raised.value).endswith("...")
 
 
 def test_a_whole_number_that_no_float_holds(tmp_path: Path) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import fields
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from conftest import ROOT
 from fastslam import FastSlam, StepInfo, _core, run
 from fastslam.result import StepFields, Steps
 from fastslam.resultfiles import read_result, write_result
@@ -34,6 +36,12 @@ def test_the_typed_fields_are_those_of_the_core() -> None:
     names = [name for name, _ in listed]
     assert [field.name for field in fields(StepInfo)] == [*names, "warnings"]
     assert [field.name for field in fields(Steps)] == [*names, "stamp_s", "latency_us"]
+
+
+def test_the_documentation_lists_every_field() -> None:
+    page = (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \| \S", page, re.M)
+    assert listed == [name for name, _ in _core.step_fields()] and len(listed) >= 22
 
 
 def test_one_step_has_a_value_of_its_kind_for_every_field() -> None:

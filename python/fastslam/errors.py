@@ -4,6 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+_LONGEST = 1000
+"""Characters of a message; what a file or a caller gives may be as long as it likes."""
+
+
+def _short(message: str) -> str:
+    return message if len(message) <= _LONGEST else message[: _LONGEST - 3] + "..."
+
 
 class FastSlamError(Exception):
     """Base of all expected errors."""
@@ -14,7 +21,7 @@ class ConfigError(FastSlamError):
 
     def __init__(self, message: str) -> None:
         # As below: values and keys may stand in the message.
-        super().__init__(" ".join(message.split()))
+        super().__init__(_short(" ".join(message.split())))
 
 
 class DataError(FastSlamError):
@@ -25,7 +32,7 @@ class DataError(FastSlamError):
         self.line = line
         where = "" if path is None else f"{path}:{line}: " if line is not None else f"{path}: "
         # What a file holds may stand in the message, line breaks included.
-        super().__init__(where + " ".join(message.splitlines()))
+        super().__init__(where + _short(" ".join(message.splitlines())))
 
 
 class ModelError(FastSlamError):

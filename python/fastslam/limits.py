@@ -10,6 +10,8 @@ from .log import Bools, Floats
 
 LARGEST_STAMP_S = 1e11
 """Seconds since 1970 stay below this until the year 5138; milliseconds since 1970 do not."""
+LARGEST_MAGNITUDE = 1e30
+"""As in the core: the squares of larger numbers, and products of these, are none."""
 WIDEST_GAP_S = 5e6
 """58 days, or ten million steps of the default `filter.path_period_s`: wider gaps are wrong stamps."""
 LARGEST_BEARING_RAD = 4.0 * math.pi

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import sys
 import tempfile
 import time
@@ -40,29 +41,31 @@ def _options() -> argparse.Namespace:
 
 
 def _run(kind: str, seed: int, wanted: int, out: Path) -> int:
-    """Tries a kind, prints the counts and each sort of fault once, and saves the inputs."""
+    """Tries a kind; prints the counts and the first faults of each sort, and saves the inputs of all."""
     started = time.monotonic()
+    done = Outcome()
+    shown: Counter[str] = Counter()
 
     def enough(outcome: Outcome) -> bool:
+        nonlocal done
+        done = outcome
+        for found in outcome.faults[shown.total() :]:
+            target = save(found, kind, seed, make_case(KINDS[kind], kind, seed, found.number), out)
+            sort = found.title.partition(": ")[0]
+            shown[sort] += 1
+            if shown[sort] <= 3:
+                print(f"  {name_of(kind, seed, found.number)}: {found.title} ({target})", flush=True)
         return outcome.told["mutated"] + len(outcome.faults) >= wanted
 
-    outcome = watch(KINDS[kind], kind, seed=seed, enough=enough)
+    with contextlib.suppress(KeyboardInterrupt):
+        watch(KINDS[kind], kind, seed=seed, enough=enough)
+    enough(done)
     seconds = time.monotonic() - started
-    told = ", ".join(f"{count:,} {name}" for name, count in sorted(outcome.told.items()))
-    print(
-        f"{kind}: {outcome.cases:,} cases in {seconds:.0f} s: {told}; {len(outcome.faults)} faults",
-        flush=True,
-    )
-    shown: Counter[str] = Counter()
-    for found in outcome.faults:
-        target = save(found, kind, seed, make_case(KINDS[kind], kind, seed, found.number), out)
-        sort = found.title.partition(": ")[0]
-        shown[sort] += 1
-        if shown[sort] <= 3:
-            print(f"  {name_of(kind, seed, found.number)}: {found.title} ({target})", flush=True)
+    told = ", ".join(f"{count:,} {name}" for name, count in sorted(done.told.items()))
+    print(f"{kind}: {done.cases:,} cases in {seconds:.0f} s: {told}; {len(done.faults)} faults", flush=True)
     for sort, count in shown.most_common():
         print(f"  {count} x {sort}", flush=True)
-    return len(outcome.faults)
+    return len(done.faults)
 
 
 def _replay(name: str) -> int:

@@ -16,7 +16,7 @@ from ..errors import DataError
 from ..log import Floats, Log, Sightings, TruthLandmarks
 from .clean import clean_controls, clean_sightings
 from .options import LoadOptions
-from .text import find_file, first_words, is_number, read_table, read_text, whole_numbers
+from .text import find_file, first_words, is_number, read_table, read_text, refuse_not_finite, whole_numbers
 
 FILE = "sensor_data.dat"
 WORLD = "world.dat"
@@ -103,6 +103,7 @@ def _world(folder: Path) -> TruthLandmarks | None:
     if file is None:
         return None
     rows = read_table(file, 3)
+    refuse_not_finite(file, rows)
     return TruthLandmarks(tuple(str(number) for number in whole_numbers(file, rows[:, 0])), rows[:, 1:])
 
 

@@ -9,6 +9,7 @@ from enum import Enum
 from pathlib import Path
 
 from ..errors import DataError
+from ..limits import LARGEST_MAGNITUDE
 from .text import CUT_OFF_HINT, is_number, read_text
 
 PAGE = "docs/formats.md"
@@ -137,4 +138,6 @@ def _numbers(texts: list[str], count: int) -> tuple[float, ...]:
     for text in texts:
         if not is_number(text) or not math.isfinite(float(text)):
             raise ValueError(f"got '{text}', expected a finite number")
+        if abs(float(text)) > LARGEST_MAGNITUDE:
+            raise ValueError(f"got '{text}', expected at most {LARGEST_MAGNITUDE:g}")
     return tuple(float(text) for text in texts)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..datasets.planar import chain_increments
-from ..detection import robot_twists
-from ..log import Controls, Floats, Sightings
+from ..dead_reckoning import DeadReckoning
+from ..log import Floats, Sightings
 from ..settings import Layer
 
 
@@ -46,35 +45,6 @@ class Places:
     sight: Floats
 
 
-class DeadReckoning:
-    """Poses by the odometry alone, under hypotheses about its gains; the last few paths are kept."""
-
-    def __init__(self, controls: Controls, motion: Layer) -> None:
-        self._controls = controls
-        self._motion = motion
-        self._paths: dict[tuple[float, float], tuple[Floats, Floats]] = {}
-
-    def poses_at(self, stamp_s: Floats, hypothesis: Hypothesis = AS_IS) -> Floats:
-        """Poses (K, 3) in the frame of the first control, headings not wrapped.
-
-        What holds at the last row holds on; before the first one the robot stands.
-        """
-        key = (hypothesis.speed_gain, hypothesis.turn_gain)
-        if key not in self._paths:
-            controls = _reread(self._controls, hypothesis)
-            twists = _twists(controls, self._motion)
-            whole = chain_increments(_moved(twists[:-1], np.diff(controls.stamp_s)))
-            self._paths = {**dict(list(self._paths.items())[-2:]), key: (twists, whole)}
-        twists, at_row = self._paths[key]
-        start_s = self._controls.stamp_s
-        rows = np.clip(np.searchsorted(start_s, stamp_s, side="right") - 1, 0, len(at_row) - 1)
-        rest = _moved(twists[rows], np.maximum(stamp_s - start_s[rows], 0.0))
-        cosine, sine = np.cos(at_row[rows, 2]), np.sin(at_row[rows, 2])
-        x, y = cosine * rest[:, 0] - sine * rest[:, 1], sine * rest[:, 0] + cosine * rest[:, 1]
-        poses: Floats = at_row[rows] + np.column_stack([x, y, rest[:, 2]])
-        return poses
-
-
 def places(
     sightings: Sightings, sensor: Layer, reckoning: DeadReckoning, hypothesis: Hypothesis = AS_IS
 ) -> Places:
@@ -83,7 +53,11 @@ def places(
     `sensor` holds complete settings.
     """
     mounting = sensor["mounting"]["x_m"], sensor["mounting"]["y_m"], sensor["mounting"]["yaw_rad"]
-    T_odometry_robot = reckoning.poses_at(sightings.stamp_s - hypothesis.delay_s, hypothesis)
+    T_odometry_robot = reckoning.poses_at(
+        sightings.stamp_s - hypothesis.delay_s,
+        speed_gain=hypothesis.speed_gain,
+        turn_gain=hypothesis.turn_gain,
+    )
     heading = T_odometry_robot[:, 2]
     cosine, sine = np.cos(heading), np.sin(heading)
     sensor_m = T_odometry_robot[:, :2] + np.column_stack(
@@ -97,33 +71,3 @@ def places(
     range_m = (sightings.range_m - sensor["range_bias_m"]) / sensor["range_scale"]
     point_m = sensor_m + range_m[:, None] * sight
     return Places(np.column_stack([sensor_m, facing]), point_m, sight)
-
-
-def _reread(controls: Controls, hypothesis: Hypothesis) -> Controls:
-    if hypothesis.speed_gain == hypothesis.turn_gain == 1.0:
-        return controls
-    speed, turn = hypothesis.speed_gain, hypothesis.turn_gain
-    # An odometer that turns the other way is mirrored: its left is right as well.
-    gains = [speed, turn] if controls.values.shape[1] == 2 else [speed, speed * np.sign(turn), turn]
-    return replace(controls, values=controls.values * np.array(gains))
-
-
-def _twists(controls: Controls, motion: Layer) -> Floats:
-    """Velocities (C, 3) whose arcs end where the rows say."""
-    twists = robot_twists(controls, dict(motion))
-    if controls.values.shape[1] == 2 or len(twists) < 2:
-        return twists
-    # Rows of increments are chords; an arc with that chord leaves half the turn beside it.
-    half = 0.5 * np.append(controls.values[1:, 2], 0.0)
-    cosine, sine, stretch = np.cos(half), np.sin(half), 1.0 / np.sinc(np.clip(half, -3.0, 3.0) / np.pi)
-    x, y = twists[:, 0] * stretch, twists[:, 1] * stretch
-    return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, twists[:, 2]])
-
-
-def _moved(twists: Floats, dt_s: Floats) -> Floats:
-    """The pose after a twist held for a time, in the frame of the pose before: an arc."""
-    turn = twists[:, 2] * dt_s
-    chord = np.sinc(0.5 * turn / np.pi) * dt_s
-    cosine, sine = np.cos(0.5 * turn) * chord, np.sin(0.5 * turn) * chord
-    x, y = cosine * twists[:, 0] - sine * twists[:, 1], sine * twists[:, 0] + cosine * twists[:, 1]
-    return np.column_stack([x, y, turn])

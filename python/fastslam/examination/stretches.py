@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..datasets.clean import select_sightings
+from ..dead_reckoning import DeadReckoning
 from ..log import Floats, Ints, Sightings
 from ..settings import Layer
-from .hypotheses import AS_IS, DeadReckoning, Hypothesis, Places, places
+from .hypotheses import AS_IS, Hypothesis, Places, places
 
 LAGS = (1, 2, 4, 8, 16)
 """How many moments later."""

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from ..config import Config
+from ..dead_reckoning import DeadReckoning
 from ..detection import with_sightings
 from ..errors import FastSlamError
 from ..log import Floats, Log
 from ..settings import Layer
 from .evidence import Explanation, explain
-from .hypotheses import DeadReckoning
 from .stretches import Bench, Trial, only_used, stretches
 
 
