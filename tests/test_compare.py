@@ -86,3 +86,11 @@ def test_the_command_compares_folders(tmp_path: Path) -> None:
     assert [one["landmarks"]["mean"] > 0 for one in found["metrics"]] == [True, True]
     done = fastslam("compare", folders[0], tmp_path / "nowhere", "--out", out)
     done.assert_one_line_error(exit_code=1, contains="nowhere")
+
+
+def test_results_of_different_logs_are_told_so() -> None:
+    one, other = scored("a"), scored("b", particles=10)
+    words = "These results are of different logs"
+    assert words not in render_comparison(group_results([one, other]))
+    elsewhere = replace(other, log=replace(other.log, source="elsewhere"))
+    assert words in render_comparison(group_results([one, elsewhere]))

@@ -39,7 +39,7 @@ ARRAYS: dict[str, tuple[Any, Any, Any, str]] = {
         CONTROLS,
         ([0.1], [1.0], [0.0]),
         True,
-        "got True, expected one value per sighting",
+        "identities: got True, expected a sequence",
     ),
     "stamps in nanoseconds": (([1.7e18], [[1, 0]]), ([], [], []), None, "row 0: the stamp .* nanoseconds"),
     "bearings in degrees": (CONTROLS, ([0.1], [1.0], [45.0]), None, "are these degrees"),

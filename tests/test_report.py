@@ -340,3 +340,12 @@ def test_a_page_with_a_thousand_landmarks_stays_small_and_one_with_more_says_whe
     page = make_page(run=replace(make_run(), landmarks=make_map(names, rng.uniform(0.0, 100.0, (2001, 2)))))
     assert "<circle" not in page
     assert "2,001 landmarks: <code>landmarks.csv</code>" in page
+
+
+def test_a_run_that_was_stopped_or_never_judged_is_not_called_good() -> None:
+    steps = replace(make_steps(np.arange(200.0)), health=np.ones(200, dtype=np.int64))
+    stopped = make_page(run=replace(make_run(), steps=steps, interrupted=True))
+    assert "The run was stopped early." in stopped and 'class="verdict good"' not in stopped
+    unjudged = replace(steps, health=np.zeros(200, dtype=np.int64))
+    page = make_page(run=replace(make_run(), steps=unjudged))
+    assert "Too little was seen again to judge this run." in page

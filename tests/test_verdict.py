@@ -17,7 +17,7 @@ from fastslam.evaluation import evaluate
 from fastslam.log import Log
 from fastslam.resultfiles import read_result, write_result
 from fastslam.simulation import resolve_simulation, simulate
-from fastslam.verdict import named_twice, warnings_of
+from fastslam.verdict import named_twice, verdict, warnings_of
 
 
 def demo(**settings: object) -> Log:
@@ -180,3 +180,13 @@ def test_keys_of_earlier_versions_say_what_they_are_called_now(tmp_path: Path) -
     (tmp_path / "old.yaml").write_text("health:\n  window_steps: 20\n")
     outcome = command("run", "--config", str(tmp_path / "old.yaml"), str(tmp_path))
     assert outcome.exit_code == 2 and "old.yaml:2: health.window_steps: is called" in outcome.stderr
+
+
+def test_landmarks_that_are_no_numbers_are_told() -> None:
+    log = demo()
+    result = fastslam.run(log, {"filter": {"particles": 5}})
+    assert verdict(result, log) == ()
+    mean_m = result.landmarks.mean_m.copy()
+    mean_m[1, 0] = np.nan
+    (told,) = verdict(replace(result, landmarks=replace(result.landmarks, mean_m=mean_m)), log)
+    assert told.startswith(f"1 of {len(mean_m)} landmarks stand at no place that can be computed with")

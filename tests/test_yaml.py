@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -11,6 +9,7 @@ import pytest
 from fastslam._yaml import YamlError, parse_yaml
 from fastslam.config import load_config
 from fastslam.errors import ConfigError
+from yaml_memory import refused_with_kilobytes
 
 DOUBLING = "a0: &a0 {x: 1, y: 2}\n" + "".join(
     f"a{i}: &a{i} {{x: *a{i - 1}, y: *a{i - 1}}}\n" for i in range(1, 26)
@@ -65,13 +64,5 @@ def test_a_bomb_takes_little_memory(tmp_path: Path) -> None:
     path.write_text(DOUBLING)
     with pytest.raises(ConfigError, match=r"bomb\.yaml:\d+: aliases make more than"):
         load_config(path)
-    code = (
-        "import resource, sys\n"
-        "from fastslam.config import load_config\n"
-        "before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
-        "try:\n    load_config(sys.argv[1])\nexcept Exception as error:\n    print(type(error).__name__)\n"
-        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code, path], capture_output=True, text=True, check=True)
-    name, kilobytes = done.stdout.split()
-    assert name == "ConfigError" and int(kilobytes) < 50_000
+    error, kilobytes = refused_with_kilobytes(path)
+    assert error == "ConfigError" and kilobytes < 50_000

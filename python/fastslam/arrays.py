@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ._given import numbers, shown
 from .errors import DataError
 from .identity import nobody_knows
-from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, stamp_fault
+from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, LARGEST_STAMP_S, stamp_fault
 from .log import Controls, Floats, Ints, Log, Sightings
 
 _SOURCE = "arrays"
@@ -37,7 +37,7 @@ def log_from_arrays(
     seen_stamps, *rest = _parts("sightings", sightings, names)
     columns = [_stamps("sightings", seen_stamps)]
     columns += [_column(f"sightings: {key}", value) for key, value in zip(names[1:], rest, strict=True)]
-    given = [None] * len(columns[0]) if identities is None else _listed(identities)
+    given = [None] * len(columns[0]) if identities is None else _listed("identities", identities)
     lengths = {len(column) for column in (*columns, given)}
     if len(lengths) > 1:
         raise DataError(f"sightings: arrays and identities must be of one length, got {sorted(lengths)}")
@@ -61,24 +61,23 @@ def log_from_arrays(
 
 def _parts(what: str, given: object, names: tuple[str, ...]) -> list[Any]:
     """The columns of a tuple. Errors: `DataError` where there are more or fewer than these."""
-    parts = _listed(given)
+    parts = _listed(what, given)
     if len(parts) != len(names):
         raise DataError(f"{what}: got {len(parts)} arrays, expected {', '.join(names)}")
     return parts
 
 
-def _listed(given: object) -> list[Any]:
-    try:
-        return list(given)  # type: ignore[call-overload, no-any-return]
-    except TypeError:
-        raise DataError(f"got {shown(given)}, expected one value per sighting") from None
+def _listed(what: str, given: object) -> list[Any]:
+    if not isinstance(given, Iterable):
+        raise DataError(f"{what}: got {shown(given)}, expected a sequence")
+    return list(given)
 
 
 def _stamps(what: str, values: ArrayLike) -> Floats:
     stamp_s = _column(f"{what}: stamp_s", values)
-    for row, fault in enumerate(map(stamp_fault, stamp_s.tolist())):
-        if fault is not None:
-            raise DataError(f"{what}: stamp_s: row {row}: {fault}")
+    beyond = np.flatnonzero(np.abs(stamp_s) >= LARGEST_STAMP_S)
+    if len(beyond):
+        raise DataError(f"{what}: stamp_s: row {beyond[0]}: {stamp_fault(float(stamp_s[beyond[0]]))}")
     return stamp_s
 
 

@@ -6,9 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from importlib import resources
 from pathlib import Path
-from string import Template
 from typing import Any
 
 from .errors import DataError
@@ -16,7 +14,7 @@ from .evaluation import Evaluation, Metrics
 from .evaluation.display import format_metric, metric_unit
 from .evaluation.runs import summarize
 from .log import Log
-from .report import page_style, themed_svg
+from .report import render_page, themed_svg
 from .result import RunResult
 from .resultfiles import write_atomically
 from .verdict import warnings_of
@@ -124,12 +122,11 @@ def render_comparison(groups: Sequence[Group]) -> str:
     names = [group.name for group in groups]
     settings = differing_settings(groups)
     logs = list(dict.fromkeys(group.first.result.log_name for group in groups))
-    page = resources.files("fastslam").joinpath("comparison_page.html").read_text(encoding="utf-8")
-    return Template(page).substitute(
+    return render_page(
+        "comparison_page.html",
         title=escape(f"{', '.join(logs)}: {len(groups)} results compared"),
-        style=page_style(),
         facts=escape(" · ".join(_facts(group) for group in groups)),
-        warnings="".join(_warnings(group) for group in groups),
+        warnings=_different_logs(groups) + "".join(_warnings(group) for group in groups),
         map=themed_svg(render(comparison_figure(groups), "svg").decode(), "comparison"),
         metrics=_table("metric", names, compared_metrics(groups), units=True),
         settings=_table("setting", names, settings) if settings else "<p>They differ in no setting.</p>",
@@ -144,6 +141,15 @@ def write_comparison(groups: Sequence[Group], path: Path) -> Path:
 def _facts(group: Group) -> str:
     count = len(group.members)
     return f"{group.name}: {count} {'run' if count == 1 else 'runs'}"
+
+
+def _different_logs(groups: Sequence[Group]) -> str:
+    if len({group.first.log.source for group in groups}) == 1:
+        return ""
+    return (
+        '<p class="warning">These results are of different logs: laid over each other they say something '
+        "only where the logs are of one world.</p>"
+    )
 
 
 def _warnings(group: Group) -> str:

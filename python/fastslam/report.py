@@ -9,6 +9,7 @@ from importlib import resources
 from pathlib import Path
 from string import Template
 
+from . import __version__
 from .evaluation import Evaluation, Metrics, evaluate_run, flatten
 from .evaluation.display import MetricRow, format_metric, format_number, metric_rows, summary_rows
 from .evaluation.metrics import METRIC_UNITS, particle_count
@@ -67,11 +68,9 @@ def render_report(
     """The report as HTML text."""
     found = evaluate_run(result, log) if evaluation is None else evaluation
     figures = _figures(result, log, found)
-    page = resources.files("fastslam").joinpath("report_page.html").read_text(encoding="utf-8")
-    return Template(page).substitute(
+    return render_page(
+        "report_page.html",
         title=escape(f"{log.name}: map and path"),
-        style=page_style(),
-        version=escape(result.version),
         facts=_facts(result, log),
         verdict=_verdict(result),
         warnings=_warnings(result, found),
@@ -86,9 +85,15 @@ def render_report(
     )
 
 
-def page_style() -> str:
-    """The style sheet that all pages share."""
-    return resources.files("fastslam").joinpath("page_style.css").read_text(encoding="utf-8")
+def render_page(body: str, **parts: str) -> str:
+    """A page whose body is this file of the package; `parts`, title and facts among them, are HTML."""
+    folder = resources.files("fastslam")
+    frame, style, content = (
+        folder.joinpath(name).read_text(encoding="utf-8")
+        for name in ("page_frame.html", "page_style.css", body)
+    )
+    whole = Template(frame).safe_substitute(style=style, body=content)
+    return Template(whole).substitute(version=escape(__version__), **parts)
 
 
 def _facts(result: RunResult, log: Log) -> str:
@@ -108,10 +113,13 @@ def _verdict(result: RunResult) -> str:
     """One line: whether anything speaks against the run."""
     against, health = len(warnings_of(result)), health_summary(result.steps)
     said = "" if health.ok is None else f"The filter's health was ok in {health.ok:.0%} of its steps. "
-    if against == 0 and health.ok is not None and not result.interrupted:
-        return f'<p class="verdict good">{said}No check speaks against this run.</p>'
-    what = "nothing could be judged" if not against else f"{against} thing{'s' * (against > 1)} to look at"
-    return f'<p class="verdict">{said}{what[:1].upper()}{what[1:]}.</p>'
+    if against:
+        return f'<p class="verdict">{said}{against} thing{"s" * (against > 1)} to look at.</p>'
+    if result.interrupted:
+        return f'<p class="verdict">{said}The run was stopped early.</p>'
+    if health.ok is None:
+        return '<p class="verdict">Too little was seen again to judge this run.</p>'
+    return f'<p class="verdict good">{said}No check speaks against this run.</p>'
 
 
 def _warnings(result: RunResult, found: Evaluation) -> str:

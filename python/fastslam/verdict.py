@@ -56,6 +56,13 @@ def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -
 
 
 def _map_verdict(result: RunResult, total: int, *, explained: bool) -> Iterator[str]:
+    landmarks = result.landmarks
+    nowhere = int(np.count_nonzero(~np.isfinite(landmarks.mean_m).all(axis=1))) if len(landmarks.ids) else 0
+    if nowhere:
+        yield (
+            f"{nowhere:,} of {len(landmarks.ids):,} landmarks stand at no place that can be computed "
+            "with: is a length in the settings far too large?"
+        )
     if is_empty(result):
         if not explained:
             yield f"nothing was mapped: none of the {total:,} sightings founded a landmark"
