@@ -22,7 +22,7 @@ if [ -z "$python" ]; then
     exit 0
 fi
 [ "${1:-}" = --short ] && set -- -q tests/test_config.py tests/test_filter.py \
-    tests/test_cli_inspect.py tests/test_datasets_native.py tests/test_evaluation_align.py tests/test_report.py
+    tests/test_cli_inspect.py tests/test_datasets_native.py tests/test_evaluation_align.py tests/test_frames.py tests/test_report.py
 [ -e python/fastslam/_core.abi3.so ] || { echo "error: no compiled module: run make setup first" >&2; exit 1; }
 
 venv=${OLDEST_VENV:-target/oldest-venv}
@@ -39,9 +39,10 @@ from importlib.metadata import version
 
 # What is tested must be what is declared.
 text = open("pyproject.toml", encoding="utf-8").read()
-declared = re.search(r"^dependencies = \[(.*?)\]", text, re.S | re.M).group(1)
+declared = "".join(re.findall(r"^(?:dependencies|frames) = \[(.*?)\]", text, re.S | re.M))
+declared += "".join(re.findall(r'"(?:pandas|polars)>=[0-9.]+"', text))
 bounds = dict(re.findall(r'"([a-z]+)>=([0-9.]+)', declared))
-assert len(bounds) >= 6, bounds
+assert len(bounds) >= 9, bounds
 for name, least in bounds.items():
     have = version(name)
     assert (have + ".").startswith(least + "."), f"{name} {have} is not the oldest allowed, {least}"

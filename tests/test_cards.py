@@ -68,6 +68,28 @@ def test_the_picture_of_a_notebook_has_every_landmark(result: RunResult) -> None
     assert map_picture(landmarks(3 * MOST_DRAWN, confirmed=3 * MOST_DRAWN)).count("<circle") == MOST_DRAWN
 
 
+def test_the_card_of_a_log_shows_the_truth_or_else_the_path_of_odometry(log: Log) -> None:
+    html: Any = log._repr_html_()
+    assert html.count("<circle") == len(LANDMARKS_M) and html.count("<title>post") == len(LANDMARKS_M)
+    assert len(html) < 20_000
+    blind = replace(log, truth_trajectory=None)
+    html = blind._repr_html_()
+    # A circle of 4 m by odometry, without landmarks: those of a survey lie in another frame.
+    corners = html.partition('points="')[2].partition('"')[0].split()
+    assert "<circle" not in html and len(corners) > 20 and len(set(corners)) > 20
+    nothing = replace(blind, config={})
+    assert "<svg" not in nothing._repr_html_() and "no truth" not in nothing._repr_html_()
+
+
+def test_figures_show_themselves_in_a_notebook(log: Log, result: RunResult) -> None:
+    from fastslam.plots import map_figure
+
+    figure: Any = map_figure(result, log)
+    picture = figure._repr_png_()
+    assert picture.startswith(b"\x89PNG") and 10_000 < len(picture) < 400_000
+    assert len(figure.axes[0].lines) > 3
+
+
 def test_geojson_in_metres_is_asked_for_by_name(result: RunResult) -> None:
     found = result.landmarks.to_geojson(coordinates="local_metres")
     assert found["type"] == "FeatureCollection" and found["coordinate_system"] == "local_metres"

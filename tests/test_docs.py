@@ -28,6 +28,7 @@ LEAST_BLOCKS = {
     "docs/faq.md": 2,
     "docs/scans.md": 2,
     "docs/formats.md": 2,
+    "docs/python.md": 9,
 }
 # Commands that set up or change the checkout; that their targets exist is checked below.
 MAKE_TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from .errors import FastSlamError
 
 if TYPE_CHECKING:
     from .log import Floats, Log
@@ -80,11 +83,39 @@ def card_html(text: str, picture: str = "") -> str:
 
 def map_picture(landmarks: LandmarkMap, path_m: Floats | None = None) -> str:
     """Landmarks, with id and sightings under the pointer, and a path (T, 2), as SVG; empty for nothing."""
-    rows = np.flatnonzero(_confirmed(landmarks))
-    rows = _spread(rows)
-    path = np.zeros((0, 2)) if path_m is None else path_m
-    path = path[_spread(np.arange(len(path)))]
-    points = np.vstack([landmarks.mean_m[rows], path])
+    rows = _spread(np.flatnonzero(_confirmed(landmarks)))
+    labels = [f"{landmarks.ids[row]}, {int(landmarks.sightings[row]):,} sightings" for row in rows]
+    return _picture(landmarks.mean_m[rows], labels, path_m)
+
+
+def log_picture(log: Log) -> str:
+    """What is known of a log's world before any filter, as SVG: true path and landmarks, else odometry."""
+    path_m = None if log.truth_trajectory is None else log.truth_trajectory.T_world_robot[:, :2]
+    if path_m is None:
+        path_m = _odometry_path(log)
+    if log.truth_landmarks is None or log.truth_trajectory is None:
+        # Landmarks in the frame of a survey do not belong on a path that starts at the origin.
+        return _picture(np.zeros((0, 2)), [], path_m)
+    rows = _spread(np.arange(len(log.truth_landmarks.names)))
+    labels = [log.truth_landmarks.names[row] for row in rows]
+    return _picture(log.truth_landmarks.position_m[rows], labels, path_m)
+
+
+def _odometry_path(log: Log) -> Floats | None:
+    from .datasets.planar import chain_increments
+    from .dead_reckoning import path_of_odometry
+
+    try:
+        return chain_increments(path_of_odometry(log).increments)[:, :2]
+    except FastSlamError:
+        # A card is no place for errors; a run of the log says what is wrong.
+        return None
+
+
+def _picture(mean_m: Floats, labels: Sequence[str], path_m: Floats | None) -> str:
+    path = np.zeros((0, 2)) if path_m is None else path_m[_spread(np.arange(len(path_m)))]
+    path = path[np.isfinite(path).all(axis=1)]
+    points = np.vstack([mean_m, path])
     points = points[np.isfinite(points).all(axis=1)]
     if len(points) == 0:
         return ""
@@ -100,9 +131,8 @@ def map_picture(landmarks: LandmarkMap, path_m: Floats | None = None) -> str:
 
     line = " ".join(f"{x:.1f},{y:.1f}" for x, y in place(path))
     dots = "".join(
-        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3"><title>{escape(landmarks.ids[row])}, '
-        f"{int(landmarks.sightings[row]):,} sightings</title></circle>"
-        for row, (x, y) in zip(rows, place(landmarks.mean_m[rows]), strict=True)
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3"><title>{escape(label)}</title></circle>'
+        for label, (x, y) in zip(labels, place(mean_m), strict=True)
     )
     drawn = f'<polyline points="{line}" fill="none" stroke="#0072b2"/><g fill="#d55e00">{dots}</g>'
     return f'<svg role="img" aria-label="map" width="320" height="{height:.0f}">{drawn}</svg>'

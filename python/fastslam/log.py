@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from .frames import Backend
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -195,7 +198,44 @@ class Log:
 
         return log_from_arrays(controls, sightings, identities=identities, config=config, name=name)
 
+    @classmethod
+    def from_dataframe(
+        cls,
+        odometry: object,
+        sightings: object,
+        *,
+        config: Mapping[str, Any] | None = None,
+        name: str = "frames",
+    ) -> Log:
+        """A log from two data frames of pandas, Polars or PyArrow, read as the tables of a native log are.
+
+        Columns may have any of the names and units of `odometry.csv` and `sightings.csv` (`range_mm`, `v`,
+        `Bearing [deg]`; dates as stamps); columns of odometry choose the motion model. `config` holds what
+        `log.yaml` would: `motion`, `sensor`, `association`, `filter`, `initial_pose`, `wheels`. What was
+        repaired is in `problems`, what was assumed in `notes`. Needs `pip install 'fastslam[frames]'`.
+
+        Errors: `DataError` with frame, row (from 0) and column; `ConfigError` where narwhals is missing.
+        """
+        from .frames import log_from_frames
+
+        return log_from_frames(odometry, sightings, config=config, name=name)
+
+    def to_dataframes(self, backend: Backend) -> tuple[Any, Any]:
+        """Odometry and sightings as data frames, which `from_dataframe` takes; columns are those of files.
+
+        Errors: `DataError` for a log without motion model; `ConfigError` for a backend that is not there.
+        """
+        from .datasets.native_columns import odometry_columns, sightings_columns
+        from .frames import to_frame
+
+        return to_frame(odometry_columns(self), backend), to_frame(sightings_columns(self), backend)
+
     def __repr__(self) -> str:
         from .cards import log_card
 
         return log_card(self)
+
+    def _repr_html_(self) -> str:
+        from .cards import card_html, log_card, log_picture
+
+        return card_html(log_card(self), log_picture(self))

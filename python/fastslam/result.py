@@ -2,17 +2,41 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 import numpy as np
 
 from .errors import ConfigError
 from .log import Bools, Floats, Ints
 
+if TYPE_CHECKING:
+    from .frames import Backend
+
+Columns = dict[str, Any]
+"""Columns by name, all of one length: arrays, and lists of texts."""
+
+
+class Table(ABC):
+    """What has a row for each pose, landmark or step, under the names of the files of a run."""
+
+    @abstractmethod
+    def to_columns(self) -> Columns:
+        """The columns by name: `pandas.DataFrame`, `polars.DataFrame` and `pyarrow.table` take them."""
+
+    def to_dataframe(self, backend: Backend) -> Any:
+        """A data frame of `pandas`, `polars` or `pyarrow`. Needs `pip install 'fastslam[frames]'`.
+
+        Errors: `ConfigError` for another backend, or for one that is not installed.
+        """
+        from .frames import to_frame
+
+        return to_frame(self.to_columns(), backend)
+
 
 @dataclass(frozen=True)
-class Trajectory:
+class Trajectory(Table):
     """Poses in the world frame. Shapes: `stamp_s` (T,), `T_world_robot` (T, 3) as x_m, y_m, heading_rad.
 
     `covariance` (T, 3, 3), in the order x, y, heading, is that of the whole mixture (within plus between
@@ -23,9 +47,23 @@ class Trajectory:
     T_world_robot: Floats
     covariance: Floats | None = None
 
+    def to_tum(self) -> str:
+        """Lines `stamp_s x_m y_m z_m qx qy qz qw`, as `trajectory.tum` has them."""
+        from .resultfiles import tum_text
+
+        return tum_text(self)
+
+    def to_columns(self) -> Columns:
+        """`stamp_s`, `x_m`, `y_m`, `heading_rad`, and the covariance under the names of its file."""
+        from .resultfiles import covariance_columns
+
+        names = ("x_m", "y_m", "heading_rad")
+        columns = {"stamp_s": self.stamp_s, **dict(zip(names, self.T_world_robot.T, strict=True))}
+        return columns if self.covariance is None else columns | covariance_columns(self.covariance)
+
 
 @dataclass(frozen=True)
-class LandmarkMap:
+class LandmarkMap(Table):
     """Estimated landmarks. Shapes: `ids` (K), `mean_m` (K, 2), `covariance_m2` (K, 2, 2), the others (K,).
 
     `ids` are identity names where those are known, else `L<birth number>`. The covariance is that of the
@@ -49,6 +87,18 @@ class LandmarkMap:
         if index < 0:
             return ""
         return self.class_names[index] if index < len(self.class_names) else str(index)
+
+    def to_columns(self) -> Columns:
+        """Columns of `landmarks.csv`; without `confirmed`, `class` and `signature` where the run has none."""
+        columns: Columns = {"id": list(self.ids), "x_m": self.mean_m[:, 0], "y_m": self.mean_m[:, 1]}
+        for name, row, column in (("xx", 0, 0), ("xy", 0, 1), ("yy", 1, 1)):
+            columns[f"cov_{name}_m2"] = self.covariance_m2[:, row, column]
+        columns["sightings"] = self.sightings
+        if self.confirmed is not None:
+            columns["confirmed"] = self.confirmed
+        if self.class_index is not None:
+            columns["class"] = [self.class_name(row) or None for row in range(len(self.ids))]
+        return columns if self.signature is None else columns | {"signature": self.signature}
 
     def to_geojson(self, *, coordinates: Literal["local_metres"]) -> dict[str, Any]:
         """The landmarks as a GeoJSON FeatureCollection of points, with id, sightings and standard deviations.
@@ -137,7 +187,7 @@ class StepFields(Generic[Number, Count, Flag, Status, Reasons]):
 
 
 @dataclass(frozen=True)
-class Steps(StepFields[Floats, Ints, Bools, Ints, Ints]):
+class Steps(StepFields[Floats, Ints, Bools, Ints, Ints], Table):
     """One row per filter step (a stamp with sightings, or a filler in a long gap). Shapes: all (T,).
 
     Read back from the files of an older version, a column that it did not write holds -1, NaN or False.
@@ -146,6 +196,12 @@ class Steps(StepFields[Floats, Ints, Bools, Ints, Ints]):
     stamp_s: Floats
     latency_us: Floats
     """Computing time of the step with the motion before it."""
+
+    def to_columns(self) -> Columns:
+        """Columns of `steps.csv`, health and its reasons as names."""
+        from .resultfiles import step_columns
+
+        return step_columns(self)
 
 
 @dataclass(frozen=True)
@@ -181,6 +237,31 @@ class RunResult:
     noise: dict[str, Any] = field(default_factory=dict)
     """The figures behind that: mean NIS with its band, and a factor for each standard deviation."""
 
+    @property
+    def path(self) -> Trajectory:
+        """The best path there is: the smoothed one, the live one where a run has none."""
+        return self.smoothed if len(self.smoothed.stamp_s) else self.trajectory
+
+    def to_geojson(self, *, coordinates: Literal["local_metres"]) -> dict[str, Any]:
+        """Landmarks, as `LandmarkMap.to_geojson` has them, and the path as a line with the id `path`.
+
+        Errors: `ConfigError` for other coordinates.
+        """
+        found = self.landmarks.to_geojson(coordinates=coordinates)
+        line = {"type": "LineString", "coordinates": self.path.T_world_robot[:, :2].tolist()}
+        properties = {"log": self.log_name, "stamps_s": self.path.stamp_s.tolist()}
+        if len(self.path.stamp_s) > 1:
+            feature = {"type": "Feature", "id": "path", "geometry": line, "properties": properties}
+            found["features"].append(feature)
+        return found
+
+    def to_tum(self, *, path: Literal["live", "smoothed"] = "live") -> str:
+        """The text of `trajectory.tum` or `smoothed.tum`. Errors: `ConfigError` for another path."""
+        paths = {"live": self.trajectory, "smoothed": self.smoothed}
+        if path not in paths:
+            raise ConfigError(f"path: got {path}, expected live or smoothed")
+        return paths[path].to_tum()
+
     def __repr__(self) -> str:
         from .cards import result_card
 
@@ -189,5 +270,4 @@ class RunResult:
     def _repr_html_(self) -> str:
         from .cards import card_html, map_picture, result_card
 
-        path = self.smoothed if len(self.smoothed.stamp_s) else self.trajectory
-        return card_html(result_card(self), map_picture(self.landmarks, path.T_world_robot[:, :2]))
+        return card_html(result_card(self), map_picture(self.landmarks, self.path.T_world_robot[:, :2]))

@@ -72,8 +72,8 @@ def write_result(
     target = Path(folder)
     values = evaluate(result, log, options=options) if metrics is None else metrics
     contents = {
-        TRAJECTORY_FILE: _tum(result.trajectory),
-        SMOOTHED_FILE: _tum(result.smoothed),
+        TRAJECTORY_FILE: tum_text(result.trajectory),
+        SMOOTHED_FILE: tum_text(result.smoothed),
         LANDMARKS_FILE: _landmarks_csv(result.landmarks),
         METRICS_FILE: to_json(values),
         CONFIG_FILE: config_yaml(result),
@@ -252,7 +252,7 @@ def _run_facts(result: RunResult) -> dict[str, Any]:
     }
 
 
-def _tum(trajectory: Trajectory) -> str:
+def tum_text(trajectory: Trajectory) -> str:
     """Lines `stamp x y z qx qy qz qw`; stamps come back to the bit, to meet those of the truth."""
     half = 0.5 * trajectory.T_world_robot[:, 2]
     columns = (trajectory.stamp_s, *trajectory.T_world_robot[:, :2].T, np.sin(half), np.cos(half))
@@ -297,10 +297,24 @@ def _signature_cell(landmarks: LandmarkMap, row: int) -> str:
     return f"{value:.9g}" if math.isfinite(value) else ""
 
 
+def step_columns(steps: Steps) -> dict[str, Any]:
+    """The columns of `steps.csv` in its order: arrays, but status and reasons as names (`a+b`)."""
+    named: dict[str, Callable[[int], str]] = {
+        "status": status_name,
+        "reasons": lambda bits: "+".join(reason_names(bits)),
+    }
+    return {
+        name: [named[kind](int(value)) for value in getattr(steps, name)]
+        if kind in named
+        else getattr(steps, name)
+        for name, kind in STEP_COLUMNS.items()
+    }
+
+
 def _steps_csv(steps: Steps) -> str:
     columns = [
-        [_step_cell(value, name, kind) for value in getattr(steps, name)]
-        for name, kind in STEP_COLUMNS.items()
+        [_step_cell(value, name, STEP_COLUMNS[name]) for value in column]
+        for name, column in step_columns(steps).items()
     ]
     return _csv(tuple(STEP_COLUMNS), zip(*columns, strict=True))
 
@@ -308,19 +322,23 @@ def _steps_csv(steps: Steps) -> str:
 def _step_cell(value: Any, name: str, kind: str) -> str:
     if name == "stamp_s":
         return repr(float(value))
-    if kind == "status":
-        return status_name(int(value))
-    if kind == "reasons":
-        return "+".join(reason_names(int(value)))
+    if kind in ("status", "reasons"):
+        return str(value)
     return f"{value:.9g}" if kind == "number" else str(int(value))
+
+
+def covariance_columns(covariance: Floats) -> dict[str, Floats]:
+    """Covariances of poses (T, 3, 3) as the columns of their file."""
+    upper = covariance[:, (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
+    return dict(zip(COVARIANCE_COLUMNS[1:], upper.T, strict=True))
 
 
 def _covariance_csv(trajectory: Trajectory) -> str:
     assert trajectory.covariance is not None
-    upper = trajectory.covariance[:, (0, 0, 1, 0, 1, 2), (0, 1, 1, 2, 2, 2)]
+    columns = covariance_columns(trajectory.covariance).values()
     rows = (
         (repr(float(stamp)), *(f"{value:.9g}" for value in row))
-        for stamp, row in zip(trajectory.stamp_s, upper, strict=True)
+        for stamp, *row in zip(trajectory.stamp_s, *columns, strict=True)
     )
     return _csv(COVARIANCE_COLUMNS, rows)
 

@@ -136,7 +136,8 @@ def _parsed(table: CsvTable, quantities: Mapping[str, Quantity]) -> dict[str, ND
     columns = table.body.parse(is_text)
     if columns is None:
         return {}
-    return {quantity.name: columns[table.index_of[written]] for written, quantity in quantities.items()}
+    found = {quantity.name: columns[table.index_of[written]] for written, quantity in quantities.items()}
+    return {name: column for name, column in found.items() if column is not None}
 
 
 def _check_distinct(table: CsvTable, meanings: Mapping[str, tuple[Quantity, str]]) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +26,35 @@ from .stamps import ISO_STAMP, iso_seconds
 from .text import CUT_OFF_HINT, is_number, read_text
 
 
+class Rows(Protocol):
+    """What stands below the names of the columns: lines of a file (`Body`), or rows of a data frame."""
+
+    @property
+    def all_lines(self) -> range:
+        """Numbers of the rows, for messages."""
+
+    def parse(self, is_text: Sequence[bool]) -> Sequence[NDArray[Any] | None] | None:
+        """Columns as arrays, texts as objects; None for those that need a closer look, or for all."""
+
+    @property
+    def columns(self) -> tuple[Sequence[Sequence[str]], Sequence[int]]:
+        """All columns as text, and the number of every row."""
+
+
 @dataclass(frozen=True)
 class CsvTable:
     """Columns of text by name, with the line of the file that each row came from.
 
     `index_of` has the place of each column in the file, from 0. `factors` turn a column into SI, `written_as`
     are the names in the file; both stand for those columns that were given another name. `parsed` holds the
-    columns of a plain table, numbers as such. `notes` say what was assumed in reading.
+    columns of a plain table, numbers as such. `notes` say what was assumed in reading. A data frame has no
+    line for its header.
     """
 
     path: Path
     index_of: dict[str, int]
-    body: Body
-    header_line: int
+    body: Rows
+    header_line: int | None
     problems: tuple[Problem, ...] = ()
     factors: dict[str, float] = field(default_factory=dict)
     written_as: dict[str, str] = field(default_factory=dict)

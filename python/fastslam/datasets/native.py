@@ -39,7 +39,7 @@ def load(path: Path, options: LoadOptions) -> Log:
     seen = SightingsFile(no_sightings()) if only_scans else read_sightings(_required(path, "sightings.csv"))
     odometry = read_odometry(odometry_file, model=settings.motion_model, wheels=settings.wheels)
     trajectory, truth_problems = read_trajectory(find_file(path, "truth_trajectory.tum"))
-    clock_problems = _clock_problems(odometry, seen, path)
+    clocks = clock_problems(odometry, seen, path)
     config = {"motion": {"model": odometry.model}} | settings.config
     return Log(
         name=settings.name or path.resolve().name,
@@ -56,7 +56,7 @@ def load(path: Path, options: LoadOptions) -> Log:
         position_fixes=read_fixes(find_file(path, "position_fixes.csv")),
         scans=scans,
         config=config,
-        problems=odometry.problems + seen.problems + scan_problems + clock_problems + truth_problems,
+        problems=odometry.problems + seen.problems + scan_problems + clocks + truth_problems,
         notes=settings.notes + odometry.notes + seen.notes,
     )
 
@@ -74,7 +74,7 @@ def _required(path: Path, name: str) -> Path:
     return found
 
 
-def _clock_problems(odometry: Odometry, seen: SightingsFile, path: Path) -> tuple[Problem, ...]:
+def clock_problems(odometry: Odometry, seen: SightingsFile, path: Path) -> tuple[Problem, ...]:
     """Says so where no sighting lies within the time of the odometry: usually two clocks or two units.
 
     Errors: DataError where one file has dates and the other has not, so that these are two clocks for sure.

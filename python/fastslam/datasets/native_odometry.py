@@ -134,15 +134,20 @@ class Odometry:
 def read_odometry(path: Path, *, model: str | None, wheels: Wheels) -> Odometry:
     """The controls for a motion model, or for the one that the header fits. Errors: DataError with line."""
     table = read_csv(path, example="stamp_s,speed_m_per_s,yaw_rate_rad_per_s")
+    return odometry_of(table, model=model, wheels=wheels)
+
+
+def odometry_of(table: CsvTable, *, model: str | None, wheels: Wheels) -> Odometry:
+    """The controls that a table holds under any of the names known. Errors: DataError with its line."""
     table = name_columns(table, QUANTITIES, ignored=IGNORED)
     form = _form(table, model)
     notes = table.notes
     if model is None:
         model = _only_model(form, table)
-        notes = (*notes, f"log.yaml names no motion model: {model} by the columns of {path.name}")
+        notes = (*notes, f"log.yaml names no motion model: {model} by the columns of {table.path.name}")
     used = ("stamp_s", *form.columns, *(MOTION_COVARIANCE_COLUMNS if form.columns == _STEP else ()))
     unused = [table.written_as[name] for name in table.index_of if name not in used]
-    notes = (*notes, *(f"{path.name}: column {name} is not used" for name in unused))
+    notes = (*notes, *(f"{table.path.name}: column {name} is not used" for name in unused))
     controls, problems = form.read(table, wheels, model)
     return Odometry(controls, model, table.problems + problems, notes, dated=table.has_dates("stamp_s"))
 
@@ -273,7 +278,8 @@ def _read_ticks(table: CsvTable, wheels: Wheels, model: str) -> tuple[Controls, 
     ticks = _values(table, ("left_ticks", "right_ticks"))
     rows, problems = clean_controls(table.stamps("stamp_s"), ticks, path=table.path, lines=table.lines)
     _need_two(rows, table)
-    lines = table.lines if len(table.lines) == len(rows.stamp_s) else [table.header_line] * len(rows.stamp_s)
+    known = len(table.lines) == len(rows.stamp_s)
+    lines: Sequence[int | None] = table.lines if known else [table.header_line] * len(rows.stamp_s)
     arcs = arcs_of_ticks(rows.values, wheels, path=table.path, lines=lines)
     if model == "velocity":
         return Controls(rows.stamp_s, held_twists(rows.stamp_s, arcs)), problems

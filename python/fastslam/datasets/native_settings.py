@@ -46,6 +46,11 @@ def read_settings(path: Path) -> LogSettings:
         raise DataError(f"is not valid YAML ({error.message})", path, error.line) from None
     if not isinstance(settings, dict):
         raise DataError(f"got no settings, expected the keys {', '.join(KEYS)}", path)
+    return checked_settings(settings, path, line_of_key)
+
+
+def checked_settings(settings: dict[str, Any], path: Path, line_of_key: dict[str, int]) -> LogSettings:
+    """The settings that a mapping with the keys of `log.yaml` holds. Errors: DataError."""
     for key in settings:
         if key not in KEYS:
             near = difflib.get_close_matches(str(key), KEYS, n=1)

@@ -55,7 +55,12 @@ class SightingsFile:
 
 def read_sightings(path: Path) -> SightingsFile:
     """The sightings, polar or Cartesian, in any of the dialects. Errors: DataError with file and line."""
-    table = name_columns(read_csv(path, example=EXAMPLE, allow_empty=True), QUANTITIES, ignored=IGNORED)
+    return sightings_of(read_csv(path, example=EXAMPLE, allow_empty=True))
+
+
+def sightings_of(table: CsvTable) -> SightingsFile:
+    """The sightings that a table holds under any of the names known. Errors: DataError with its line."""
+    table = name_columns(table, QUANTITIES, ignored=IGNORED)
     cartesian = _is_cartesian(table)
     identity, identity_names = _named(*_labels(table, "landmark_id"))
     class_index, class_names = _labels(table, "class")
@@ -72,9 +77,9 @@ def read_sightings(path: Path) -> SightingsFile:
         signature=signature,
         covariance=_point_covariance(table) if cartesian else _covariance(table, COVARIANCE_COLUMNS),
     )
-    sightings, problems = clean_sightings(raw, path=path, lines=table.lines)
+    sightings, problems = clean_sightings(raw, path=table.path, lines=table.lines)
     if not table.lines:
-        problems = (Problem(f"{path.name} holds no sighting: only the odometry is left"),)
+        problems = (Problem(f"{table.path.name} holds no sighting: only the odometry is left"),)
     return SightingsFile(
         sightings,
         identity_names,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TextIO
@@ -14,19 +14,11 @@ import numpy as np
 from .._yaml import write_yaml
 from ..csv_cells import guarded
 from ..errors import DataError
-from ..log import Floats, Ints, Log, Sightings, TruthTrajectory
-from .native_odometry import MOTION_COVARIANCE_COLUMNS
+from ..log import Floats, Log, TruthTrajectory
+from .native_columns import HEADERS, Names, odometry_columns, sightings_columns
 from .native_settings import CONFIG_KEYS
-from .native_sightings import COVARIANCE_COLUMNS
 from .scans_file import NAME as SCANS
 from .scans_file import write_scans
-
-HEADERS = {
-    "velocity": ("stamp_s", "speed_m_per_s", "yaw_rate_rad_per_s"),
-    "ackermann": ("stamp_s", "speed_m_per_s", "steering_rad"),
-    "odometry": ("stamp_s", "dx_m", "dy_m", "dheading_rad"),
-    "increments": ("stamp_s", "dx_m", "dy_m", "dheading_rad"),
-}
 
 
 def write_native(log: Log, folder: Path | str) -> Path:
@@ -97,49 +89,26 @@ def _plain(value: Any) -> Any:
 
 
 def _write_odometry(log: Log, path: Path) -> None:
-    header = list(HEADERS[log.config["motion"]["model"]])
-    columns = [column.tolist() for column in (log.controls.stamp_s, *log.controls.values.T)]
-    if log.controls.covariance is not None:
-        header.extend(MOTION_COVARIANCE_COLUMNS)
-        columns.extend(_numbers(column) for column in log.controls.covariance.T)
-    _write_csv(path, header, zip(*columns, strict=True))
+    _write_columns(path, odometry_columns(log))
 
 
 def _write_sightings(log: Log, path: Path) -> None:
-    sightings = log.sightings
-    header = ["stamp_s", "range_m", "bearing_rad"]
-    columns: list[Sequence[object]] = [
-        sightings.stamp_s.tolist(),
-        sightings.range_m.tolist(),
-        sightings.bearing_rad.tolist(),
-    ]
-    if log.identity_names:
-        header.append("landmark_id")
-        columns.append(_names(sightings.identity, log.identity_names))
-    if log.class_names:
-        header.append("class")
-        columns.append(_names(sightings.class_index, log.class_names))
-    if _has_signature(sightings):
-        header.append("signature")
-        columns.append(_numbers(sightings.signature))
-    if sightings.covariance is not None:
-        header.extend(COVARIANCE_COLUMNS)
-        columns.extend(_numbers(column) for column in sightings.covariance.T)
-    _write_csv(path, header, zip(*columns, strict=True))
+    _write_columns(path, sightings_columns(log))
+
+
+def _write_columns(path: Path, columns: Mapping[str, Floats | Names]) -> None:
+    """A table with empty cells for NaN and for names that are none."""
+    cells = [_names(c) if isinstance(c, list) else _numbers(c) for c in columns.values()]
+    _write_csv(path, list(columns), zip(*cells, strict=True))
 
 
 def _numbers(values: Floats) -> list[object]:
-    """Numbers with empty cells for NaN."""
     return ["" if value != value else value for value in values.tolist()]
 
 
-def _has_signature(sightings: Sightings) -> bool:
-    return not bool(np.isnan(sightings.signature).all())
-
-
-def _names(indices: Ints, names: Sequence[str]) -> list[str]:
-    cells = [guarded(name) for name in names]
-    return ["" if index < 0 else cells[index] for index in indices.tolist()]
+def _names(names: Names) -> list[object]:
+    cell_of = {name: "" if name is None else guarded(name) for name in dict.fromkeys(names)}
+    return [cell_of[name] for name in names]
 
 
 def tum_text(truth: TruthTrajectory) -> str:

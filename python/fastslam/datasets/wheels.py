@@ -34,7 +34,7 @@ class Wheels:
     counter_bits: int | None = None
     """Width of a counter that starts again at its end."""
 
-    def needed(self, name: str, path: Path, line: int) -> float:
+    def needed(self, name: str, path: Path, line: int | None) -> float:
         """A figure that the columns of a file need. Errors: DataError that says where to give it."""
         value = getattr(self, name)
         if value is None:
@@ -44,7 +44,7 @@ class Wheels:
             raise DataError(message, path, line)
         return float(value)
 
-    def metres_of_tick(self, path: Path, line: int) -> float:
+    def metres_of_tick(self, path: Path, line: int | None) -> float:
         """Way of the rim for each count. Errors: DataError that says what is missing."""
         if self.m_per_tick is not None:
             return self.m_per_tick
@@ -81,7 +81,7 @@ def twist_of_wheels(left_m_per_s: Floats, right_m_per_s: Floats, track_width_m: 
     )
 
 
-def arcs_of_ticks(ticks: Floats, wheels: Wheels, *, path: Path, lines: Sequence[int]) -> Floats:
+def arcs_of_ticks(ticks: Floats, wheels: Wheels, *, path: Path, lines: Sequence[int | None]) -> Floats:
     """Way and turn from each row to the next. Shapes: `ticks` (N, 2) left and right gives (N - 1, 2).
 
     `lines` are those of the rows. Errors: DataError for missing geometry or a counter that seems to wrap.
@@ -97,7 +97,7 @@ def arcs_of_ticks(ticks: Floats, wheels: Wheels, *, path: Path, lines: Sequence[
     return np.column_stack([way_m.mean(axis=1), (way_m[:, 1] - way_m[:, 0]) / track_width_m])
 
 
-def _refuse_wraps(steps: Floats, path: Path, lines: Sequence[int]) -> None:
+def _refuse_wraps(steps: Floats, path: Path, lines: Sequence[int | None]) -> None:
     size = np.abs(steps).max(axis=1)
     jumps = (size > WRAP_TICKS) & (size > 100 * np.median(size))
     if jumps.any():

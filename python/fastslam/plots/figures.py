@@ -18,12 +18,18 @@ from .map import plot_map
 from .over_time import plot_effective_sample_size, plot_error_over_time, plot_latency, plot_latency_histogram
 
 
+def map_figure(result: RunResult, log: Log, *, evaluation: Evaluation | None = None) -> Figure:
+    """The map with path and truth as a figure; a notebook shows it when a cell ends with it."""
+    with style.house_style():
+        figure = style.new_figure(8.0, 7.2)
+        plot_map(figure.add_subplot(), result, log, evaluation=evaluation)
+    return figure
+
+
 def make_figures(result: RunResult, log: Log, *, evaluation: Evaluation | None = None) -> dict[str, Figure]:
     """The figures `map`, `error`, `health`, `effective_sample_size` and `latency`, by name."""
     found = evaluate_run(result, log) if evaluation is None else evaluation
     with style.house_style():
-        map_figure = style.new_figure(8.0, 7.2)
-        plot_map(map_figure.add_subplot(), result, log, evaluation=found)
         error_figure = style.new_figure(8.0, 3.8)
         plot_error_over_time(error_figure.add_subplot(), result, log, evaluation=found)
         health_figure = style.new_figure(8.0, 4.2)
@@ -37,7 +43,7 @@ def make_figures(result: RunResult, log: Log, *, evaluation: Evaluation | None =
         plot_latency(left, result)
         plot_latency_histogram(right, result)
     return {
-        "map": map_figure,
+        "map": map_figure(result, log, evaluation=found),
         "error": error_figure,
         "health": health_figure,
         "effective_sample_size": sample_figure,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any
 
 import matplotlib
@@ -71,9 +72,19 @@ def house_style() -> Any:
     return matplotlib.rc_context(_SETTINGS)
 
 
+class NotebookFigure(Figure):
+    """A figure that a notebook shows when a cell ends with it, whether or not pyplot was loaded."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        with house_style():
+            self.savefig(buffer, format="png", dpi=100.0, metadata={"Software": None})
+        return buffer.getvalue()
+
+
 def new_figure(width_in: float, height_in: float) -> Figure:
     """A figure that belongs to no window system and no global list; draw and save it in `house_style`."""
-    return Figure(figsize=(width_in, height_in), layout="constrained")
+    return NotebookFigure(figsize=(width_in, height_in), layout="constrained")
 
 
 def legend_below(axis: Axes, *, columns: int = 4) -> None:
