@@ -13,7 +13,7 @@ PYTHON_BENCHES := $(wildcard benchmarks/bench_*.py)
 QUICK ?=
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-rust test-python lint format docs bench clean
+.PHONY: help setup demo test test-rust test-python lint format docs site bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -47,19 +47,27 @@ docs: setup ## write the reference pages that come from the code, and the pictur
 	$(BIN)/python docs/generate.py
 	$(BIN)/python docs/images/draw.py
 
+site: $(VENV)/.site ## build the documentation site into site/; broken links fail
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+	@echo "site/: look at it with $(BIN)/python -m http.server -d site"
+
 bench: setup ## run the benchmarks (QUICK=1: counted instructions, and a short pass over kernels and scale)
 	cargo bench -p fastslam-core $(if $(QUICK),--bench instructions --bench stages -- --quick kernels,--bench '*')
 	@set -e; for bench in $(PYTHON_BENCHES); do \
 	  echo "== $$bench"; $(BIN)/python $$bench $(if $(QUICK),--quick); done
 
 clean: ## remove .venv, caches and results; cargo's build folder too
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis results dist python/fastslam/_core*.so
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .hypothesis results dist site python/fastslam/_core*.so
 	cargo clean
 
 $(VENV)/.created:
 	@PYTHON="$(PYTHON)" scripts/check-tools.sh
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check 'maturin>=1.9,<2'
+	@touch $@
+
+$(VENV)/.site: $(VENV)/.created docs/site/requirements.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r docs/site/requirements.txt
 	@touch $@
 
 $(VENV)/.installed: $(VENV)/.created $(SOURCES)
