@@ -10,6 +10,7 @@ from pathlib import Path
 
 import fastslam as package
 import pytest
+from cli_runner import fastslam as in_process
 from fastslam.cli.encoding import to_ascii
 from fastslam.config import Config, load_config
 from small_log import write_small_log
@@ -69,6 +70,33 @@ def test_no_color_and_the_module_name() -> None:
 def test_completion_can_be_installed() -> None:
     done = run("--show-completion", "bash", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
     assert b"complete -o" in done.stdout
+
+
+def test_json_loses_no_sign_whatever_the_code_page(tmp_path: Path) -> None:
+    log = write_small_log(tmp_path / "log", steps=60)
+    for file in ("sightings.csv", "truth_landmarks.csv"):
+        text = (log / file).read_text(encoding="utf-8").replace("post0", "λ→𝄞")
+        (log / file).write_text(text, encoding="utf-8")
+    escaped = run("info", log, "--json", PYTHONIOENCODING="cp1252").stdout
+    found = json.loads(escaped.decode("ascii"))
+    assert found == json.loads(in_process("info", log, "--json").stdout)
+    assert "λ→𝄞" in found["sightings_per_landmark"]
+
+
+def test_eval_and_calibrate_print_one_object(tmp_path: Path) -> None:
+    log, outs = write_small_log(tmp_path / "log", steps=120), [tmp_path / "one", tmp_path / "two"]
+    for seed, out in enumerate(outs):
+        in_process("run", log, "--out", out, "--no-report", "--particles", "10", "--seed", seed)
+    one = json.loads(in_process("eval", outs[0], "--json").stdout)
+    both = json.loads(in_process("eval", *outs, "--json").stdout)
+    assert isinstance(one, dict) and set(both) == {"runs", "summary"}
+    assert [entry["results"] for entry in both["runs"]] == [str(out) for out in outs]
+    assert both["runs"][0]["metrics"] == one and both["summary"]["steps"]["runs"] == 2
+    file = tmp_path / "found.yaml"
+    few = ("--set", "filter.particles=10")
+    told = json.loads(in_process("calibrate", log, "--out", file, *few, "--json").stdout)
+    assert told["file"] == str(file) and load_config(file) == told["settings"]
+    assert {"sightings", "landmarks", "parameters", "warnings"} <= set(told) and len(told["parameters"]) > 3
 
 
 def test_run_prints_one_object(tmp_path: Path) -> None:

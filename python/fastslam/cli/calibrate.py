@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from .console import make_table, stderr, stdout
-from .encoding import as_document
+from .encoding import print_json
 from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def calibrate_sensor(
     from ..calibration import calibrate
     from ..config import load_config, merge, parse_assignments
     from ..datasets.registry import load
-    from ..resultfiles import to_json, write_atomically
+    from ..resultfiles import write_atomically
 
     given = [*(settings or []), *([] if seed is None else [f"seed={seed}"])]
     layers = (load_config(config) if config is not None else {}, parse_assignments(given))
@@ -59,7 +59,7 @@ def calibrate_sensor(
     found = calibrate(log, merge(*layers), reference=cast("Reference", reference), noise=noise)
     if json:
         write_atomically(out, write_yaml(found.settings))
-        typer.echo(as_document(to_json(_facts(found, out))), nl=False)
+        print_json(_facts(found, out))
         return
     rows = [_row(parameter) for parameter in found.parameters]
     title = f"{log.name}: {found.sightings:,} sightings of {found.landmarks:,} landmarks"
@@ -76,7 +76,8 @@ def _facts(found: Calibration, out: Path) -> dict[str, Any]:
         for parameter in found.parameters
     ]
     counts = {"sightings": found.sightings, "landmarks": found.landmarks, "converged": found.converged}
-    return {**counts, "parameters": parameters, "settings": found.settings, "file": str(out)}
+    told = {"settings": found.settings, "file": str(out), "warnings": _warnings(found)}
+    return {**counts, "parameters": parameters, **told}
 
 
 def _warnings(found: Calibration) -> list[str]:

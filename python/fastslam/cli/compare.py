@@ -9,9 +9,9 @@ from typing import Annotated
 import typer
 
 from .console import make_table, stdout
-from .encoding import as_document
+from .encoding import print_json
 from .evaluate import log_of
-from .options import Format, Robot, Run
+from .options import Format, Json, Robot, Run
 
 
 def compare_results(
@@ -23,7 +23,7 @@ def compare_results(
     format: Format = None,
     robot: Robot = None,
     run: Run = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+    json: Json = False,
 ) -> None:
     """Lay paths and maps of several results over each other, with their metrics and the settings that differ.
 
@@ -45,7 +45,7 @@ def compare_results(
     )
     from ..evaluation import evaluate_run
     from ..evaluation.runs import summarize
-    from ..resultfiles import read_result, to_json
+    from ..resultfiles import read_result
 
     scored = []
     for folder, name in zip(results, short_names(results), strict=True):
@@ -57,7 +57,7 @@ def compare_results(
     if json:
         numbers = [{name: asdict(one) for name, one in summarize(g.metrics).items()} for g in groups]
         found = {"results": [g.name for g in groups], "metrics": numbers, "settings": settings}
-        typer.echo(as_document(to_json({**found, "page": str(page)})), nl=False)
+        print_json({**found, "page": str(page)})
         return
     metrics = compared_metrics(groups)
     columns = [f">{group.name}" for group in groups]

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import codecs
+import json
 import sys
 import unicodedata
+from typing import Any
+
+import typer
 
 _SIGNS = {
     **{"≤": "<=", "≥": ">=", "≠": "!=", "≈": "~", "±": "+-", "−": "-", "×": "x", "·": "*", "→": "->"},
@@ -33,8 +37,22 @@ def _ascii_sign(sign: str) -> str:
 
 def as_document(text: str) -> str:
     """Text that is to be read again as UTF-8, for stdout: in ASCII where stdout has another encoding."""
+    return text if _stdout_is_utf() else to_ascii(text)
+
+
+def print_json(value: Any) -> None:
+    """One JSON document on stdout; signs beyond ASCII are escaped where stdout is not UTF-8, none is lost."""
+    from ..resultfiles import to_json
+
+    text = to_json(value)
+    if not _stdout_is_utf():
+        text = json.dumps(json.loads(text), indent=2) + "\n"
+    typer.echo(text, nl=False)
+
+
+def _stdout_is_utf() -> bool:
     encoding = getattr(sys.stdout, "encoding", None) or "utf-8"
-    return text if codecs.lookup(encoding).name.startswith("utf") else to_ascii(text)
+    return codecs.lookup(encoding).name.startswith("utf")
 
 
 def never_fail_to_print() -> None:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..errors import DataError
 from .console import make_table, progress_bar, stderr, stdout
-from .encoding import as_document
-from .options import Format, Robot, Run
+from .encoding import print_json
+from .options import Format, Json, Robot, Run
 from .output import metrics_table, read_log_reference, summary_table
 from .simulate import SETTINGS_FILE
 
 if TYPE_CHECKING:
+    from ..evaluation import Metrics
     from ..evaluation.monte_carlo import Consistency, NeesSummary
     from ..log import Log
 
@@ -27,7 +30,7 @@ def evaluate_results(
     format: Format = None,
     robot: Robot = None,
     run: Run = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the metrics as JSON.")] = False,
+    json: Json = False,
     runs: Annotated[
         int | None,
         typer.Option(min=2, metavar="N", help="Run again N times: can the uncertainty be believed?"),
@@ -51,7 +54,7 @@ def evaluate_results(
     log (with `simulation.yaml`) every run gets new noise and a new world; any other log stays the same.
     """
     from ..evaluation import evaluate
-    from ..resultfiles import read_result, to_json
+    from ..resultfiles import read_result
 
     if runs is not None:
         if len(results) != 1:
@@ -61,11 +64,19 @@ def evaluate_results(
         return
     metrics = [evaluate(read_result(folder), log_of(folder, truth, format, robot, run)) for folder in results]
     if json:
-        typer.echo(as_document(to_json(metrics[0] if len(metrics) == 1 else metrics)), nl=False)
+        print_json(metrics[0] if len(metrics) == 1 else _several(results, metrics))
     elif len(metrics) == 1:
         stdout().print(metrics_table(str(results[0]), metrics[0]))
     else:
         stdout().print(summary_table(f"{len(results)} results", metrics))
+
+
+def _several(folders: Sequence[Path], metrics: Sequence[Metrics]) -> dict[str, Any]:
+    """Metrics of each folder, and their summary, as `runs.json` has it."""
+    from ..evaluation import summarize
+
+    results = [{"results": str(f), "metrics": m} for f, m in zip(folders, metrics, strict=True)]
+    return {"runs": results, "summary": {name: asdict(value) for name, value in summarize(metrics).items()}}
 
 
 def log_of(folder: Path, truth: Path | None, format: str | None, robot: int | None, run: int | None) -> Log:
@@ -110,7 +121,7 @@ def _show_consistency(folder: Path, log: Log, runs: int, *, json: bool, out: Pat
         figure = consistency_figure({log.name: found}, title=f"NEES over {runs} runs")
     write_atomically(out / "consistency.png", render(figure, "png"))
     if json:
-        typer.echo(as_document(to_json(consistency_facts(found))), nl=False)
+        print_json(consistency_facts(found))
         return
     stdout().print(make_table(f"{log.name}: {runs} runs", ("quantity", ">value", "expected"), _rows(found)))
     stdout().print(f"results: {out / 'consistency.png'}", soft_wrap=True, highlight=False, markup=False)

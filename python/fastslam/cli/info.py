@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .console import make_table, stdout
+from .encoding import print_json
 from .options import Format, LogPath, Robot, Run
 
 if TYPE_CHECKING:
@@ -34,13 +35,12 @@ def info(
     from ..datasets.info import describe
     from ..datasets.registry import load
     from ..examination import examine
-    from ..resultfiles import to_json
 
     log = load(path, format=format, robot=robot, run=run)
     summary, findings = describe(log), examine(log)
     if json:
         facts = {**asdict(summary), "findings": [finding.to_dict() for finding in findings]}
-        stdout().print(to_json(facts), markup=False, highlight=False, soft_wrap=True, end="")
+        print_json(facts)
     else:
         _show(summary, findings, log.notes)
 

@@ -6,7 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -14,7 +14,7 @@ from .._entry import INTERRUPTED
 from ..errors import DataError
 from ..timing import stage
 from .console import progress_bar, stderr, stdout
-from .encoding import as_document
+from .encoding import print_json
 from .errors import RUN_FAILED
 from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings, Verbose
 from .output import LogReference, metrics_table, summary_table, write_log_reference
@@ -204,7 +204,7 @@ def run_all(log: Log, config: Config, results: Results, *, runs: int = 1) -> Fin
 def show(finished: Finished, *, json: bool = False) -> None:
     """Prints tables, warnings and where the files lie, or all of it as one JSON object."""
     if json:
-        typer.echo(as_document(_json(finished)), nl=False)
+        print_json(_facts(finished))
     else:
         name, console = finished.result.log_name, stdout()
         several = len(finished.metrics) > 1
@@ -224,16 +224,15 @@ def show(finished: Finished, *, json: bool = False) -> None:
         raise typer.Exit(RUN_FAILED)
 
 
-def _json(finished: Finished) -> str:
-    from ..resultfiles import to_json
-
+def _facts(finished: Finished) -> dict[str, Any]:
     facts = {
         "log": finished.result.log_name,
         "results": str(finished.folder),
         "report": str(finished.folder / "report.html") if finished.report else None,
         "interrupted": finished.interrupted,
+        "verdict": finished.result.verdict,
         "warnings": finished.warnings,
         "findings": finished.result.findings,
         "metrics": finished.metrics[0],
     }
-    return to_json({**facts, "runs": finished.metrics} if len(finished.metrics) > 1 else facts)
+    return {**facts, "runs": finished.metrics} if len(finished.metrics) > 1 else facts
