@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from latex2mathml.converter import convert
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,6 +26,9 @@ MODULE = """\
 ::: {module}
     options: {{show_root_heading: false, show_root_toc_entry: false}}
 """
+LONG = 45
+"""Characters of LaTeX from which a formula may be wider than a phone."""
+
 _FENCE = re.compile(r"(^```.*?^```[ ]*$)", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">(.*?)</\1>', re.DOTALL)
@@ -74,4 +78,9 @@ def on_page_content(content: str, **_: Any) -> str:
 def _mathml(match: re.Match[str]) -> str:
     tag, text = match.groups()
     latex = html.unescape(text).strip()[2:-2]  # without \( \) or \[ \]
-    return convert(latex, display="block" if tag == "div" else "inline")
+    latex = latex.replace(r"\arg\max", r"\operatorname{arg}\max")
+    formula = convert(latex, display="block" if tag == "div" else "inline")
+    if "\\" in formula:
+        raise PluginError(f"formula {latex}: a command that latex2mathml does not know")
+    # A line of text cannot break inside a formula: a long one scrolls on a phone.
+    return f'<span class="formula">{formula}</span>' if len(latex) > LONG else formula
