@@ -33,7 +33,6 @@ METRICS = {
     "landmark_precision": "precision",
     "gps_median_m": "GPS median [m]",
     "gps_inlier_rmse_m": "GPS inlier RMSE [m]",
-    "filter_seconds": "time [s]",
 }
 
 
@@ -94,7 +93,7 @@ def _cell(name: str, case: Case, values: list[float]) -> str:
         return f"{median:.0f} ({worst:.0f}){of}"
     if name == "landmark_precision":
         return f"{median:.2f} ({worst:.2f})"
-    return f"{median:.3f} ({worst:.3f})" if name.endswith("_m") else f"{median:.2f}"
+    return f"{median:.3f} ({worst:.3f})"
 
 
 def summary(rows: Sequence[tuple[Case, list[dict[str, float]]]]) -> str:
@@ -165,7 +164,7 @@ seeds {seeds}, fastslam {version}, {machine}. Each log's own settings, the same 
 Medians over the seeds, worst in brackets; the map and the paths after rigid alignment
 ([definitions](metrics.md)). Without identities a landmark counts when it is
 [confirmed](association.md#provisional-and-confirmed); duplicates lie within 0.5 m of a landmark that was
-found. Times are of a busy machine.
+found. What a run costs is in `benchmarks/`.
 
 """
 
