@@ -46,8 +46,14 @@ def run(
     class_index: Ints | None = None,
     signature: Floats | None = None,
     control_covariance: Floats | None = None,
+    checkpoint: Callable[[bytes], None] | None = None,
+    checkpoint_every_s: float = 60.0,
+    resume: bytes | None = None,
 ) -> dict[str, Any]:
-    """Runs the filter over a log. ValueError for a bad log, RuntimeError when the filter cannot go on."""
+    """Runs the filter over a log, or goes on from a snapshot (`resume`) that `checkpoint` got.
+
+    ValueError for a bad log or snapshot, RuntimeError when the filter cannot go on.
+    """
 
 def step_fields() -> list[tuple[str, str]]:
     """Name and kind (number, count, flag, status, reasons) of what crosses of a step: the one list."""
@@ -93,6 +99,11 @@ class Filter:
     """The filter, one control and one scan at a time; several threads may use it."""
 
     def __new__(cls, config_json: str, identities: str) -> Filter: ...
+    @staticmethod
+    def load(snapshot: bytes) -> tuple[Filter, str, str]:
+        """The filter of a snapshot, its configuration as JSON, its note. ValueError where it is refused."""
+
+    def save(self, note: str) -> bytes: ...
     def predict(self, control: list[float], dt_s: float) -> None: ...
     def update(self, stamp_s: float, scan: _ScanColumns) -> dict[str, Any]: ...
     def step(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 import threading
 from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -57,6 +59,9 @@ class FastSlam:
 
     A call that raises `DataError` changes nothing. After a `NumericalError`, which says that no particle can
     explain a scan, all particles count the same and the stream may go on; the motion before the scan stays.
+    `save` and `load` keep a filter in a file; it may be pickled and deep-copied. Whatever goes on from there
+    gives the bits that this one would have given.
+
     Several threads may share one filter: each call sees it between two calls of the others, and the
     interpreter is free while the filter works.
 
@@ -67,13 +72,62 @@ class FastSlam:
         self, config: Layer | None = None, *, identities: Literal["all", "some", "none"] = "some"
     ) -> None:
         self.config = Config.resolve(config or {})
-        self._filter = _core.Filter(self.config.to_json(), identities)
+        self._begin(_core.Filter(self.config.to_json(), identities))
+
+    def _begin(self, filter: _core.Filter) -> None:
+        """Everything but the configuration, around a filter of the core at its start."""
+        self._filter = filter
         self._control_columns = _core.control_columns(self.config.to_json())
         self._index_of: dict[str, int] = {}
         self._stamp_s = 0.0
         self._updated_s = -math.inf
         # Held for a whole call, so that names, stamps and the core's state are of one moment.
         self._lock = threading.RLock()
+
+    def save(self, path: Path | str) -> Path:
+        """Writes the filter to a file, which is the old one or the new one whatever happens meanwhile.
+
+        Errors: `DataError` where the file cannot be written.
+        """
+        from .resultfiles import write_atomically
+
+        return write_atomically(Path(path), self.__getstate__(), durable=True)
+
+    @classmethod
+    def load(cls, path: Path | str) -> FastSlam:
+        """The filter of a file that `save` wrote, with its configuration.
+
+        Errors: `DataError` for a file that cannot be read, is damaged, or is of a format that this version
+        does not read.
+        """
+        try:
+            snapshot = Path(path).read_bytes()
+        except OSError as error:
+            raise DataError(f"cannot read: {error.strerror or error}", path) from None
+        loaded = cls.__new__(cls)
+        try:
+            loaded.__setstate__(snapshot)
+        except DataError as error:
+            raise DataError(str(error), path) from None
+        return loaded
+
+    def __getstate__(self) -> bytes:
+        with self._lock:
+            updated_s = self._updated_s if math.isfinite(self._updated_s) else None
+            note = {"names": list(self._index_of), "stamp_s": self._stamp_s, "updated_s": updated_s}
+            return self._filter.save(json.dumps(note))
+
+    def __setstate__(self, snapshot: bytes) -> None:
+        with _core_errors():
+            filter, config, note = _core.Filter.load(snapshot)
+        if not note:
+            raise DataError("the snapshot has no names of landmarks: it was not written by FastSlam.save")
+        kept = json.loads(note)
+        self.config = Config.resolve(json.loads(config))
+        self._begin(filter)
+        self._index_of = {name: index for index, name in enumerate(kept["names"])}
+        self._stamp_s = kept["stamp_s"]
+        self._updated_s = -math.inf if kept["updated_s"] is None else kept["updated_s"]
 
     def predict(self, control: ArrayLike, dt_s: float) -> None:
         """Moves the robot: a control of the motion model (2 or 3 numbers) that acted for `dt_s`.

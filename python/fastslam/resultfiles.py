@@ -113,9 +113,10 @@ def replace_results(folder: Path, contents: Mapping[str, str]) -> dict[str, Path
     return {name: folder / name for name in contents}
 
 
-def write_atomically(path: Path, content: str | bytes) -> Path:
+def write_atomically(path: Path, content: str | bytes, *, durable: bool = False) -> Path:
     """Write a file under a temporary name beside it, then rename it: readers see the old or the new file.
 
+    With `durable` that holds even if the power fails: the data are on the disk before they get their name.
     Missing folders are made. Errors: `DataError` with the reason that the system gives.
     """
     data = content.encode() if isinstance(content, str) else content
@@ -123,13 +124,28 @@ def write_atomically(path: Path, content: str | bytes) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            temporary.write_bytes(data)
+            with temporary.open("wb") as file:
+                file.write(data)
+                if durable:
+                    file.flush()
+                    os.fsync(file.fileno())
             os.replace(temporary, path)
+            if durable and os.name == "posix":
+                _sync_folder(path.parent)
         finally:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise DataError(f"cannot write: {error.strerror or error}", path) from error
     return path
+
+
+def _sync_folder(folder: Path) -> None:
+    """Makes the names in a folder outlast a power failure."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def new_result_folder(root: Path | str = "results", *, now: datetime | None = None) -> Path:

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 from . import _core
 from ._yaml import line_of_key
+from .checkpoint import Checkpoints
 from .config import Config, merge
 from .datasets.registry import load
 from .detection import with_sightings
@@ -66,6 +67,7 @@ def run(
     format: str | None = None,
     robot: int | None = None,
     progress: Progress | None = None,
+    checkpoints: Checkpoints | None = None,
 ) -> RunResult:
     """Runs the filter over a log, given as such or as a path (`format` and `robot` as for `datasets.load`).
 
@@ -78,10 +80,12 @@ def run(
     Where the log has laser scans and no sightings, landmarks are detected in the scans first.
 
     `config` is laid over the log's own settings and the defaults. A KeyboardInterrupt, Ctrl-C for one, stops
-    the run: what was computed until then is returned with `interrupted` set.
+    the run: what was computed until then is returned with `interrupted` set. With `checkpoints` the state is
+    written to a file on the way, from which the run goes on, in another process too, to the same result but
+    for computing times.
 
-    Errors: `DataError` for the log, `ConfigError` for the configuration, `NumericalError` when the filter
-    cannot go on.
+    Errors: `DataError` for the log, or a checkpoint that is damaged or of another run; `ConfigError` for the
+    configuration; `NumericalError` when the filter cannot go on.
     """
     log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
     if log.scans is not None:
@@ -104,6 +108,9 @@ def run(
                 class_index=sightings.class_index,
                 signature=sightings.signature,
                 control_covariance=controls.covariance,
+                checkpoint=checkpoints.keep if checkpoints is not None else None,
+                checkpoint_every_s=checkpoints.every_s if checkpoints is not None else 0.0,
+                resume=checkpoints.begin() if checkpoints is not None else None,
             )
     except ValueError as error:
         raise DataError(str(error), log.source) from None
@@ -111,6 +118,10 @@ def run(
         raise NumericalError(str(error)) from None
     result = _result(columns, log, configuration)
     result = replace(result, verdict=verdict(result, log, columns["two_places"]))
+    if checkpoints is not None:
+        result = replace(result, warnings=(*result.warnings, *checkpoints.warnings))
+        if not result.interrupted:
+            checkpoints.end()
     if progress is not None and not result.interrupted:
         # The core counts up to a bound, which gaps and empty scans keep it from reaching.
         progress(len(result.steps.stamp_s), len(result.steps.stamp_s))
@@ -118,20 +129,28 @@ def run(
 
 
 def run_many(
-    log: Log, config: Layer | None = None, *, seeds: Iterable[int], progress: Progress | None = None
+    log: Log,
+    config: Layer | None = None,
+    *,
+    seeds: Iterable[int],
+    progress: Progress | None = None,
+    checkpoints: Checkpoints | None = None,
 ) -> Iterator[RunResult]:
     """Runs the filter with each seed in turn, one result at a time in memory.
 
-    `progress` counts over all runs. After an interrupted run no further one is started.
+    `progress` counts over all runs. After an interrupted run no further one is started. Errors: as `run`, and
+    `ConfigError` for `checkpoints` with more than one seed.
     """
     seeds = tuple(seeds)
+    if checkpoints is not None and len(seeds) > 1:
+        raise ConfigError(f"checkpoints: they are of one run, not of {len(seeds)}")
     for number, seed in enumerate(seeds):
 
         def advance(done: int, total: int, number: int = number) -> None:
             if progress is not None:
                 progress(number * total + done, len(seeds) * total)
 
-        result = run(log, {**(config or {}), "seed": seed}, progress=advance)
+        result = run(log, {**(config or {}), "seed": seed}, progress=advance, checkpoints=checkpoints)
         yield result
         if result.interrupted:
             return

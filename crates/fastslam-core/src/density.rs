@@ -2,6 +2,7 @@
 
 use crate::geometry::Symmetric2;
 use crate::math;
+use serde::{Deserialize, Serialize};
 
 /// ln(2π)
 pub(crate) const LN_TAU: f64 = 1.837_877_066_409_345_3;
@@ -16,7 +17,7 @@ pub struct Fit {
 }
 
 /// How the noise of a sensor falls off.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Tail {
     /// As the normal distribution.
     Gaussian,

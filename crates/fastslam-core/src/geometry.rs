@@ -89,7 +89,7 @@ impl From<[f64; 3]> for Pose {
 }
 
 /// A symmetric 2×2 matrix.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Symmetric2<R = f64> {
     /// Element (0, 0).
     pub xx: R,

@@ -5,18 +5,19 @@
 use crate::geometry::Pose;
 use crate::resampling::follow;
 use crate::workers::Workers;
+use serde::{Deserialize, Serialize};
 
 const NONE: u32 = u32::MAX;
 
 /// One pose of a path.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Node {
     pose: Pose,
     step: u32,
 }
 
 /// Where a node hangs; apart from the poses, for resampling changes nothing else.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Link {
     parent: u32,
     /// Children, plus the particles that stand on the node.
@@ -24,7 +25,7 @@ struct Link {
 }
 
 /// Paths of all particles as a forest that shares common pasts.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PathForest {
     nodes: Vec<Node>,
     links: Vec<Link>,
@@ -32,8 +33,11 @@ pub struct PathForest {
     /// Node of each particle's latest pose.
     tips: Vec<u32>,
     /// Kept for their memory.
+    #[serde(skip)]
     former_tips: Vec<u32>,
+    #[serde(skip)]
     offspring: Vec<u32>,
+    #[serde(skip)]
     letting_go: Vec<u32>,
     stamps_s: Vec<f64>,
 }

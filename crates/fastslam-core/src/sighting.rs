@@ -2,6 +2,7 @@
 
 use crate::density::Tail;
 use crate::geometry::Symmetric2;
+use serde::{Deserialize, Serialize};
 
 /// One detection of a landmark.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,7 +34,7 @@ pub struct Appearance {
 }
 
 /// Sightings that could not be used, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Skipped {
     /// Range or bearing is NaN or infinite, or the bearing too large for an angle.
     pub not_finite: u32,
@@ -67,7 +68,7 @@ impl Skipped {
 }
 
 /// A sighting as the passes over particles need it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// In the coordinates of the measurement model.
     pub value: [f64; 2],

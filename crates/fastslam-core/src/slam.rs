@@ -8,6 +8,7 @@ use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Sighting, S
 use crate::geometry::Pose;
 use crate::measurement::MeasurementModel;
 use crate::motion::{MotionGaussian, RowPart};
+use crate::snapshot::{self, Holds};
 use crate::store::StoreUsage;
 
 /// A SLAM filter: controls and sightings in, pose, path and map out.
@@ -40,6 +41,21 @@ pub trait Slam: Send + Sync {
     fn noise_report(&self) -> NoiseReport;
     /// Names that were seen at two places so far.
     fn two_places(&self) -> Vec<TwoPlaces>;
+    /// The state as bytes, from which [`Slam::restore`] goes on to the same bits; `note` is kept in their head.
+    fn save(&self, note: &str) -> Result<Vec<u8>>;
+    /// Takes over a state that was saved with this configuration; where that is refused, the filter is as it was.
+    fn restore(&mut self, snapshot: &[u8]) -> Result<()>;
+}
+
+/// The filter that a snapshot was taken of, with its configuration and note.
+///
+/// **Errors:** [`Error::Input`](crate::error::Error::Input) when the bytes are no snapshot, of another format or damaged.
+pub fn load(snapshot: &[u8]) -> Result<(Box<dyn Slam>, Config, String)> {
+    let (head, _) = snapshot::open(snapshot, Holds::Filter)?;
+    let config = head.config()?;
+    let mut filter = create(config.clone(), head.identities)?;
+    filter.restore(snapshot)?;
+    Ok((filter, config, head.note))
 }
 
 /// The configured filter at its initial pose with an empty map.
@@ -89,6 +105,12 @@ impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
     fn two_places(&self) -> Vec<TwoPlaces> {
         FastSlam::two_places(self)
     }
+    fn save(&self, note: &str) -> Result<Vec<u8>> {
+        FastSlam::save(self, note)
+    }
+    fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
+        FastSlam::restore(self, snapshot)
+    }
 }
 
 impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
@@ -127,5 +149,11 @@ impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
     }
     fn two_places(&self) -> Vec<TwoPlaces> {
         EkfSlam::two_places(self)
+    }
+    fn save(&self, note: &str) -> Result<Vec<u8>> {
+        EkfSlam::save(self, note)
+    }
+    fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
+        EkfSlam::restore(self, snapshot)
     }
 }

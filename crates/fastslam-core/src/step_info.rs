@@ -2,9 +2,10 @@
 
 use crate::diagnosis::{Health, NoiseWarnings};
 use crate::sighting::Skipped;
+use serde::{Deserialize, Serialize};
 
 /// What happened in one step.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StepInfo {
     /// Number of the step, from 0.
     pub step: u64,

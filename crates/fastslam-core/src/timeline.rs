@@ -45,6 +45,22 @@ impl LogData {
         ascending(&self.sighting_stamps_s, "sighting", |a, b| a <= b)
     }
 
+    /// Tells logs apart: of all numbers in it.
+    pub(crate) fn checksum(&self) -> u32 {
+        let mut hasher = crc32fast::Hasher::new();
+        let mut add = |numbers: &[f64]| numbers.iter().for_each(|v| hasher.update(&v.to_le_bytes()));
+        add(&self.control_stamps_s);
+        self.controls.iter().for_each(|control| add(control));
+        self.control_covariances.iter().flatten().for_each(|stated| add(stated.as_flattened()));
+        add(&self.sighting_stamps_s);
+        for Sighting { value, identity, noise, appearance } in &self.sightings {
+            let [class, identity] = [appearance.class, *identity].map(|v| v.map_or(-1.0, f64::from));
+            add(&[value[0], value[1], identity, class, appearance.signature.unwrap_or(f64::NAN)]);
+            noise.iter().for_each(|noise| add(&[noise.xx, noise.xy, noise.yy]));
+        }
+        hasher.finalize()
+    }
+
     fn check_covariances(&self) -> Result<()> {
         let (rows, controls) = (self.control_covariances.len(), self.controls.len());
         if rows > 0 && rows != controls {

@@ -3,9 +3,10 @@
 use crate::error::{Error, Result};
 use crate::math;
 use crate::vector::{self, vectorized};
+use serde::{Deserialize, Serialize};
 
 /// Normalised weights of the particles with what their sum says.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Weights {
     /// Normalised, linear; they sum to 1.
     pub values: Vec<f64>,

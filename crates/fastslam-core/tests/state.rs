@@ -1,12 +1,14 @@
-//! The state of a filter holds all that later steps need: a copy taken anywhere goes on to the same bits.
+//! The state of a filter holds all that later steps need: a copy or a snapshot taken anywhere goes on to the same bits.
 
 use fastslam_core::config::{
-    Algorithm, AssociationMode, Config, ExistenceForm, MergingRule, Method, ParticleNumber, Removal,
+    Algorithm, AssociationMode, Classes, Config, ExistenceForm, MergingRule, Method, ParticleNumber, Removal,
+    Signatures,
 };
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::geometry::Pose;
 use fastslam_core::math::wrap_angle;
 use fastslam_core::random::{Purpose, RandomSource};
+use fastslam_core::sighting::Appearance;
 use fastslam_core::store::StoreKind;
 
 const STEPS: u64 = 90;
@@ -24,7 +26,8 @@ fn sightings(step: u64) -> Vec<Sighting> {
             let [range, bearing] = noise.normal_pair(identity, 0);
             let bearing = wrap_angle(dy.atan2(dx) - turned.heading) + 0.02 * bearing;
             let named = (!identity.is_multiple_of(3)).then_some(identity);
-            seen.push(Sighting::range_bearing(dx.hypot(dy) + 0.1 * range, bearing, named));
+            let appearance = Appearance { class: Some(identity % 2), signature: Some(f64::from(identity % 10)) };
+            seen.push(Sighting { appearance, ..Sighting::range_bearing(dx.hypot(dy) + 0.1 * range, bearing, named) });
         }
     }
     seen
@@ -62,6 +65,7 @@ fn configurations() -> Vec<Config> {
                 config.filter.store = store;
                 config.filter.particles = 12;
                 config.association.mode = AssociationMode::Unknown;
+                config.association.classes = Some(Classes::default());
                 match variant {
                     0 => config.filter.adaptive.number = ParticleNumber::Kld,
                     1 => {
@@ -72,6 +76,7 @@ fn configurations() -> Vec<Config> {
                         config.association.method = [Method::Sampled, Method::Assignment, Method::Joint][place];
                         config.association.existence.form = ExistenceForm::Bayes;
                         config.association.existence.removal = Removal::WhenMissed;
+                        config.association.signatures = Some(Signatures { std: 0.5, spread: 10.0 });
                         config.association.detection_probability = Some(0.9);
                         config.association.clutter_density = Some(1e-3);
                     }
@@ -84,14 +89,23 @@ fn configurations() -> Vec<Config> {
     all
 }
 
+/// The filter that another process makes of a snapshot.
+fn loaded(snapshot: &[u8]) -> FastSlam {
+    let head = fastslam_core::snapshot::head(snapshot).unwrap();
+    let mut filter = FastSlam::new(head.config().unwrap(), head.identities).unwrap();
+    filter.restore(snapshot).unwrap();
+    filter
+}
+
 #[test]
-fn a_copy_taken_anywhere_goes_on_to_the_same_bits() {
+fn a_copy_or_a_snapshot_taken_anywhere_goes_on_to_the_same_bits() {
     let mut copies = 0;
     for config in configurations() {
         let mut cuts = Vec::new();
         let whole = go_on(FastSlam::new(config.clone(), Identities::Some).unwrap(), 0, |step, filter| {
             if [1, 4, 5, 21, 41, 42, 88].contains(&step) {
                 cuts.push((step, filter.clone()));
+                cuts.push((step, loaded(&filter.save("").unwrap())));
             }
         });
         for (step, filter) in cuts {
@@ -100,5 +114,23 @@ fn a_copy_taken_anywhere_goes_on_to_the_same_bits() {
             copies += 1;
         }
     }
-    assert_eq!(copies, 24 * 7);
+    assert_eq!(copies, 24 * 7 * 2);
+}
+
+#[test]
+fn a_snapshot_that_is_refused_leaves_the_filter_as_it_was() {
+    let config = Config { seed: 2, ..Config::default() };
+    let mut other = FastSlam::new(Config { seed: 3, ..Config::default() }, Identities::All).unwrap();
+    let mut filter = FastSlam::new(config, Identities::All).unwrap();
+    for filter in [&mut filter, &mut other] {
+        filter.predict([1.0, 0.1, 0.0], 1.0).unwrap();
+        filter.update(1.0, &[Sighting::range_bearing(4.0, 0.3, Some(7))]).unwrap();
+    }
+    let before = filter.save("").unwrap();
+    let refusal = filter.restore(&other.save("").unwrap()).unwrap_err().to_string();
+    assert!(refusal.ends_with("made with seed = 3, not 2"), "{refusal}");
+    let mut damaged = before.clone();
+    damaged[100] ^= 1;
+    assert!(filter.restore(&damaged).unwrap_err().to_string().contains("damaged"));
+    assert_eq!(filter.save("").unwrap(), before);
 }

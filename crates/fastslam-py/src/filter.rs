@@ -1,6 +1,6 @@
 //! The filter, step by step.
 
-use crate::settings::to_python;
+use crate::settings::{to_json, to_python};
 use crate::{arrays, config, run, step};
 use fastslam_core::config::Config;
 use fastslam_core::filter::{Identities, Sighting, StepInfo};
@@ -8,7 +8,7 @@ use fastslam_core::slam::{self, Slam};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use std::sync::Mutex;
 
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
@@ -74,6 +74,20 @@ impl Filter {
         let config = config::parse(config_json)?;
         let filter = Mutex::new(slam::create(config.clone(), identities).map_err(to_python)?);
         Ok(Self { filter, config })
+    }
+
+    /// The filter of a snapshot, its configuration as JSON, and the note that was kept with it.
+    #[staticmethod]
+    fn load(py: Python<'_>, snapshot: &[u8]) -> PyResult<(Self, String, String)> {
+        let (filter, config, note) = py.detach(|| slam::load(snapshot)).map_err(to_python)?;
+        let json = to_json(&config)?;
+        Ok((Self { filter: Mutex::new(filter), config }, json, note))
+    }
+
+    /// The state as bytes, with a note.
+    fn save<'py>(&self, py: Python<'py>, note: &str) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = self.locked(py, |filter| filter.save(note))?.map_err(to_python)?;
+        Ok(PyBytes::new(py, &bytes))
     }
 
     fn predict(&self, py: Python<'_>, control: [f64; 3], dt_s: f64) -> PyResult<()> {

@@ -8,7 +8,7 @@ use fastslam_core::run::{Observer, RunOutput, StepRecord};
 use fastslam_core::timeline::{LogData, Timeline};
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use std::time::Instant;
 
 /// Seconds between two calls of the progress callback, which are also the moments at which Ctrl-C is seen.
@@ -19,7 +19,15 @@ struct Progress {
     next_s: f64,
     total: usize,
     callback: Option<Py<PyAny>>,
+    checkpoints: Option<Checkpoints>,
     failure: Option<PyErr>,
+}
+
+/// Who gets a run's snapshots, and how often.
+struct Checkpoints {
+    callback: Py<PyAny>,
+    every_s: f64,
+    next_s: f64,
 }
 
 impl Observer for Progress {
@@ -29,8 +37,8 @@ impl Observer for Progress {
 
     fn step_done(&mut self, done: usize) -> bool {
         let now_s = self.now_s();
-        if now_s < self.next_s {
-            return true;
+        if now_s < self.next_s || self.failure.is_some() {
+            return self.failure.is_none();
         }
         self.next_s = now_s + PROGRESS_PERIOD_S;
         let result = Python::attach(|py| {
@@ -43,12 +51,29 @@ impl Observer for Progress {
         self.failure = result.err();
         self.failure.is_none()
     }
+
+    /// At its time, and when the run is stopped.
+    fn wants_snapshot(&mut self) -> bool {
+        let (now_s, stopped) = (self.now_s(), self.failure.is_some());
+        self.checkpoints.as_mut().is_some_and(|checkpoints| {
+            let due = stopped || now_s >= checkpoints.next_s;
+            checkpoints.next_s = if due { now_s + checkpoints.every_s } else { checkpoints.next_s };
+            due
+        })
+    }
+
+    fn keep(&mut self, snapshot: Vec<u8>) {
+        let Some(checkpoints) = &self.checkpoints else { return };
+        let kept = Python::attach(|py| checkpoints.callback.call1(py, (PyBytes::new(py, &snapshot),)).map(|_| ()));
+        self.failure = self.failure.take().or(kept.err());
+    }
 }
 
-/// Runs the filter over a log. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
+/// Runs the filter over a log; `resume` is a snapshot to go on from, and `checkpoint(snapshot)` is called every
+/// `checkpoint_every_s` and when the run is stopped. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
 /// been computed; any other exception of `progress` is raised.
 #[pyfunction]
-#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None))]
+#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None, checkpoint=None, checkpoint_every_s=60.0, resume=None))]
 #[allow(clippy::too_many_arguments)] // One array per column of a log.
 pub fn run<'py>(
     py: Python<'py>,
@@ -64,6 +89,9 @@ pub fn run<'py>(
     class_index: Option<PyReadonlyArray1<'py, i64>>,
     signature: Option<PyReadonlyArray1<'py, f64>>,
     control_covariance: Option<PyReadonlyArray2<'py, f64>>,
+    checkpoint: Option<Py<PyAny>>,
+    checkpoint_every_s: f64,
+    resume: Option<&[u8]>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let config = config::parse(config_json)?;
     let log = LogData {
@@ -80,8 +108,15 @@ pub fn run<'py>(
         )?,
     };
     let total = Timeline::new(&log, config.motion.timing(), config.filter.path_period_s).step_bound();
-    let mut observer = Progress { start: Instant::now(), next_s: 0.0, total, callback: progress, failure: None };
-    let output = py.detach(|| fastslam_core::run::run(&config, &log, &mut observer)).map_err(to_python)?;
+    let every_s = checkpoint_every_s;
+    let checkpoints = checkpoint.map(|callback| Checkpoints { callback, every_s, next_s: every_s });
+    let start = Instant::now();
+    let mut observer = Progress { start, next_s: 0.0, total, callback: progress, checkpoints, failure: None };
+    let output = py.detach(|| match resume {
+        Some(snapshot) => fastslam_core::run::resume(&config, &log, snapshot, &mut observer),
+        None => fastslam_core::run::run(&config, &log, &mut observer),
+    });
+    let output = output.map_err(to_python)?;
     if let Some(error) = observer.failure.filter(|e| !e.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)) {
         return Err(error);
     }

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .._entry import INTERRUPTED
-from ..errors import DataError
+from ..errors import ConfigError, DataError
 from ..timing import stage
 from .console import progress_bar, stderr, stdout
 from .encoding import print_json
@@ -21,6 +21,7 @@ from .output import LogReference, metrics_table, summary_table, write_log_refere
 from .times import times_shown
 
 if TYPE_CHECKING:
+    from ..checkpoint import Checkpoints
     from ..config import Config
     from ..evaluation import Metrics
     from ..examination import Finding
@@ -44,6 +45,13 @@ Out = Annotated[
 Unexamined = Annotated[
     bool, typer.Option("--unexamined", help="Run without examining the log, also where it seems meaningless.")
 ]
+CheckpointEvery = Annotated[
+    float | None,
+    typer.Option(metavar="S", help="Leave the state in the results folder every S seconds, for --resume."),
+]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Go on from the state in --out, if there is one; else start anew.")
+]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write the numbers only, no pictures.")]
 
 
@@ -66,6 +74,8 @@ def run_log(
     seed: Seed = None,
     runs: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with seeds S, S+1, ...")] = 1,
     out: Out = None,
+    checkpoint_every: CheckpointEvery = None,
+    resume: Resume = False,
     no_report: NoReport = False,
     json: Json = False,
     verbose: Verbose = False,
@@ -75,7 +85,8 @@ def run_log(
 
     Settings come from: defaults < the log's own < --config < --set and the flags below.
 
-    Ctrl-C stops the run: what was computed until then is written, and the exit code is 130.
+    Ctrl-C stops the run: what was computed until then is written, and the exit code is 130. With
+    --checkpoint-every the same command and --resume goes on from there, to the same bits.
 
     \b
     Examples:
@@ -83,6 +94,7 @@ def run_log(
       fastslam run MRCLAM_Dataset1 --robot 2 --particles 200
       fastslam run LOG --association unknown --set sensor.range_std_m=0.2
       fastslam run LOG --runs 10 --seed 1 --out results/ten-seeds
+      fastslam run LOG --out results/night --checkpoint-every 60 --resume
     """
     from ..config import load_config, parse_assignments
     from ..datasets.registry import load
@@ -95,6 +107,8 @@ def run_log(
         load_config(config) if config is not None else {},
         parse_assignments([*(settings or []), *given]),
     ]
+    if resume and out is None:
+        raise ConfigError("--resume: say with --out in which folder the run left its state")
     with times_shown(verbose):
         with stage("load"):
             log = load(path, format=format, robot=robot, run=run)
@@ -105,7 +119,17 @@ def run_log(
             findings = () if unexamined else _examined(log, configuration)
         reference = LogReference(path, log.format, robot, run)
         results = Results(prepare_folder(out), reference, report=not no_report, findings=findings)
-        show(run_all(log, configuration, results, runs=runs), json=json)
+        checkpoints = _checkpoints(results.folder, checkpoint_every, resume=resume)
+        show(run_all(log, configuration, results, runs=runs, checkpoints=checkpoints), json=json)
+
+
+def _checkpoints(folder: Path, every_s: float | None, *, resume: bool) -> Checkpoints | None:
+    """Where the state is left on the way; with `resume` alone it is left where the run is stopped."""
+    from ..checkpoint import CHECKPOINT_FILE, Checkpoints
+
+    if every_s is None and not resume:
+        return None
+    return Checkpoints(folder / CHECKPOINT_FILE, every_s if every_s is not None else 60.0, resume)
 
 
 def _examined(log: Log, configuration: Config) -> tuple[Finding, ...]:
@@ -179,7 +203,9 @@ class Finished:
         return is_empty(self.result)
 
 
-def run_all(log: Log, config: Config, results: Results, *, runs: int = 1) -> Finished:
+def run_all(
+    log: Log, config: Config, results: Results, *, runs: int = 1, checkpoints: Checkpoints | None = None
+) -> Finished:
     """Runs with `runs` seeds, at least one, from the configured one on, and writes all files."""
     from ..evaluation import evaluate
     from ..runner import run_many
@@ -187,7 +213,7 @@ def run_all(log: Log, config: Config, results: Results, *, runs: int = 1) -> Fin
     seeds = range(config["seed"], config["seed"] + runs)
     others: list[Metrics] = []
     with progress_bar(log.name) as advance:
-        computed = run_many(log, config, seeds=seeds, progress=advance)
+        computed = run_many(log, config, seeds=seeds, progress=advance, checkpoints=checkpoints)
         first = replace(next(computed), findings=tuple(finding.to_dict() for finding in results.findings))
         interrupted = first.interrupted
         # Kept safe at once when further runs, which may fail, are to come.

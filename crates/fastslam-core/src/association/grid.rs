@@ -4,9 +4,10 @@
 //! set of maps, so a box stays valid until its landmark changes. Boxes lie in the cells of a hash grid.
 
 use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
 
 /// A rectangle with sides along the axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Box2 {
     /// Smallest x and y, metres.
     pub low: [f64; 2],
@@ -84,7 +85,7 @@ fn least(a: f64, b: f64) -> f64 {
 const MOST_CELLS: i64 = 64;
 
 /// Landmarks by place.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Grid {
     cell_m: f64,
     cells: FxHashMap<[i32; 2], Vec<u32>>,

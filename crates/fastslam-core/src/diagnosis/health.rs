@@ -4,10 +4,11 @@ use super::names::Names;
 use super::noise::NoiseCheck;
 use crate::config::{Config, HealthConfig};
 use crate::geometry::{Matrix3, Pose};
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// How the filter is doing.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[repr(u8)]
 pub enum HealthStatus {
     /// Too little was seen again to judge.
@@ -52,7 +53,7 @@ impl HealthReason {
 }
 
 /// Status with its reasons.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Health {
     /// The verdict.
     pub status: HealthStatus,
@@ -103,7 +104,7 @@ pub(crate) struct MapInView {
 ///
 /// **Why:** a post behind a car is missed half of the time, and a map is not stale for that: each landmark is held to
 /// what it used to be, whatever the others are.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 struct Looks {
     /// By birth: looks, and how many of them found it.
     of_landmark: Vec<[u32; 2]>,
@@ -143,7 +144,7 @@ impl Looks {
 }
 
 /// Where a sensor surely sees.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(crate) struct View {
     /// The sensor on the robot.
     pub T_robot_sensor: Pose,
@@ -217,7 +218,7 @@ fn newest(window_scans: u32) -> f64 {
 ///
 /// **Why:** with unknown identities the next scan finds the landmarks that this one made, and all looks well. Only old
 /// landmarks prove that the robot is where it thinks.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Torn {
     /// Landmarks with a lower birth are older.
     births: u64,
@@ -226,7 +227,7 @@ struct Torn {
 }
 
 /// Watches over a filter, from step to step.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Watch {
     settings: HealthConfig,
     view: View,

@@ -12,6 +12,7 @@
 //! [`NoiseCheck`]: super::noise::NoiseCheck
 
 use crate::geometry::{multiply3, Matrix3};
+use serde::{Deserialize, Serialize};
 
 /// Sightings of a scan that are judged together.
 pub(crate) const JOINT_MAX: usize = 4;
@@ -61,13 +62,16 @@ impl Default for PredictedScan {
 }
 
 /// What some noises have in a scan, and what is expected of them.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Found<const K: usize> {
     /// νᵀ S⁻¹ S_k S⁻¹ ν.
+    #[serde(with = "crate::stored_arrays")]
     pub squares: [f64; K],
     /// Its expectation when all noise is right: tr S⁻¹ S_k. At most the numbers in the scan.
+    #[serde(with = "crate::stored_arrays")]
     pub expected: [f64; K],
     /// What the noises themselves contribute to that: tr S⁻¹ S_k S⁻¹ S_l; twice Fisher's information.
+    #[serde(with = "crate::stored_arrays")]
     pub shares: [[f64; K]; K],
 }
 
@@ -78,7 +82,7 @@ impl<const K: usize> Default for Found<K> {
 }
 
 /// What one scan says.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ScanScore {
     /// Sightings.
     pub sightings: f64,

@@ -4,6 +4,7 @@
 //! the robot is not where the filter thinks; then it is the pose that is wrong, and no name is doubted.
 
 use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
 
 /// Squared Mahalanobis distance from which on a named landmark is out of the question: seven standard deviations, of
 /// errors as large as they usually are.
@@ -18,7 +19,7 @@ const SIGHTINGS_TO_COUNT: u32 = 3;
 const SIGHTINGS_TO_MOVE: u32 = 2;
 
 /// A place where a name was seen, in the world.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NamedPlace {
     /// Mean of what the sightings say.
     pub position_m: [f64; 2],
@@ -27,7 +28,7 @@ pub struct NamedPlace {
 }
 
 /// A name that was seen at two places.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TwoPlaces {
     /// The name.
     pub identity: u32,
@@ -58,7 +59,7 @@ pub(crate) struct Misfit {
 }
 
 /// Watches the names.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Names {
     /// Moving average of the sightings that do not fit.
     misfits: f64,

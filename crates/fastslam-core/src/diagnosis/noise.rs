@@ -3,6 +3,7 @@
 use super::innovations::{Found, PredictedScan, ScanScore, MOTION_NOISES, SENSOR_NOISES};
 use super::totals::{Factors, Series, Totals};
 use crate::density::chi_squared_ratio;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Scans in the sliding window.
@@ -28,7 +29,7 @@ const USUALLY_AT_MOST: f64 = 6.0;
 pub const NOISES: usize = SENSOR_NOISES + MOTION_NOISES;
 
 /// A noise of the configuration.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Noise {
     /// `sensor.range_std_m`.
     Range,
@@ -46,7 +47,7 @@ impl Noise {
 }
 
 /// That a noise contradicts the innovations.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NoiseWarning {
     /// Which one.
     pub noise: Noise,
@@ -59,7 +60,7 @@ pub struct NoiseWarning {
 }
 
 /// The warnings about each noise; at most one each.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NoiseWarnings {
     found: [Option<NoiseWarning>; NOISES],
 }
@@ -72,7 +73,7 @@ impl NoiseWarnings {
 }
 
 /// What the innovations say of the noise.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct NoiseReport {
     /// Scans that were examined.
     pub scans: u64,
@@ -94,7 +95,7 @@ pub struct NoiseReport {
 }
 
 /// Scores of many scans, summed.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 struct Sums {
     scans: f64,
     sightings: f64,
@@ -108,7 +109,7 @@ struct Sums {
 }
 
 /// Gathers the scores of the examined scans.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct NoiseCheck {
     window: VecDeque<ScanScore>,
     total: Sums,

@@ -1,6 +1,7 @@
 //! What many scans say of several noises together: sums, how far chance reaches, and factors of the variances.
 
 use super::innovations::Found;
+use serde::{Deserialize, Serialize};
 
 /// A noise is judged by so many independent numbers, or not at all: less than that is chance, and in the end rounding.
 const NUMBERS_MIN: f64 = 25.0;
@@ -13,7 +14,7 @@ const INTERVAL_STD_ERRORS: f64 = 3.0;
 const SMALLEST_DETERMINANT: f64 = 1e-3;
 
 /// What tells how far neighbours in a series repeat each other.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Series {
     count: f64,
     last: f64,
@@ -47,11 +48,13 @@ impl Series {
 }
 
 /// What was found of some noises in many scans, summed, with the products that tell how far chance reaches.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub(super) struct Totals<const K: usize> {
     pub sum: Found<K>,
     /// Σ squares squaresᵀ, Σ squares expectedᵀ, Σ expected expectedᵀ.
+    #[serde(with = "crate::stored_arrays")]
     products: [[[f64; K]; K]; 3],
+    #[serde(with = "serde_arrays")]
     surplus: [Series; K],
 }
 

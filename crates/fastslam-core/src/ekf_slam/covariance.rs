@@ -6,6 +6,7 @@
 
 use crate::geometry::{transform3, Matrix3};
 use crate::vector::vectorized;
+use serde::{Deserialize, Serialize};
 
 /// Rows and columns of a tile.
 pub const TILE: usize = 8;
@@ -16,7 +17,7 @@ const MOST_PENDING: usize = 32;
 /// A symmetric matrix A = T − W Wᵀ that grows: T as the tiles of its lower triangle, W as pending vectors.
 ///
 /// Rows past those in use are zero in T and W. The first three are the pose.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Covariance {
     /// Rows of tiles.
     blocks: usize,

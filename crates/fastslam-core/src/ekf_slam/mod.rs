@@ -5,6 +5,7 @@
 
 mod associate;
 pub mod covariance;
+mod snapshot;
 
 use crate::association::{by_robot_pose, Appearance, Rules, ScanSighting};
 use crate::config::Config;
@@ -23,12 +24,13 @@ use crate::real::Dual;
 use crate::store::StoreUsage;
 use covariance::{Covariance, SparseRows, VectorPair, TILE};
 use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
 
 /// Row of the first landmark in the state; the pose has three rows and one that is always zero.
 const FIRST_LANDMARK: usize = 4;
 
 /// What is known of a landmark besides its Gaussian.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Landmark {
     /// One more than the identity that it was seen with, 0 for none.
     identity_mark: f64,

@@ -8,6 +8,7 @@ use crate::config::{AssociationConfig, Classes, Signatures};
 use crate::density::LN_TAU;
 use crate::math;
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreKind, StoreUsage};
+use serde::{Deserialize, Serialize};
 
 /// Columns: whether the row counts; the signature's mean, and its variance (0 before the first measurement); then the
 /// probability of every class.
@@ -16,7 +17,7 @@ const VARIANCE: usize = 2;
 const FIRST_CLASS: usize = 3;
 
 /// The appearance of the landmarks of all maps.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Appearances {
     store: Box<dyn LandmarkStore>,
     classes: Option<Classes>,

@@ -8,12 +8,13 @@ use crate::store::{LandmarkStore, Rows, RowsMut, StoreUsage};
 use crate::vector::vectorized;
 use crate::workers::Workers;
 use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
 
 /// Columns of the existence store: whether the row counts, and the log-odds.
 pub(super) const EXISTENCE_COLUMNS: usize = 2;
 
 /// A landmark hypothesis, shared by the particles that created it from one sighting.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Slot {
     /// Running number of its creation: names it, and breaks ties.
     pub birth: u64,
@@ -22,7 +23,7 @@ pub struct Slot {
 }
 
 /// The population of maps with what all particles have in common.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Landmarks {
     store: Box<dyn LandmarkStore>,
     columns: usize,

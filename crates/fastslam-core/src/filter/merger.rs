@@ -1,15 +1,17 @@
 //! What merging remembers of landmarks.
 
 use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
 
 /// What merging remembers.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Merger {
     /// In how many scans the best particle sighted two landmarks, named by their births, the lesser one first.
     pub(super) together: FxHashMap<(u64, u64), u32>,
     /// Into which landmark another one went over in some map, by their births.
     pub(super) united: FxHashMap<u64, u64>,
     /// Of the landmarks that the best particle sighted; kept for its memory.
+    #[serde(skip)]
     pub(super) births: Vec<u64>,
 }
 

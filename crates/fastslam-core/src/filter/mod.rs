@@ -17,6 +17,7 @@ mod rejuvenation;
 mod scan;
 mod scan_methods;
 pub mod settings;
+mod snapshot;
 mod state;
 mod usable;
 mod work;

@@ -4,9 +4,10 @@ use crate::geometry::{Matrix3, Pose};
 use crate::math;
 use crate::resampling::follow;
 use crate::vector::sums;
+use serde::{Deserialize, Serialize};
 
 /// All particles, one number each per column.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Particles {
     /// Metres.
     pub x: Vec<f64>,
@@ -21,6 +22,7 @@ pub struct Particles {
     /// Landmarks in the particle's map.
     pub landmarks: Vec<u32>,
     /// Kept for its memory.
+    #[serde(skip)]
     spare: (Vec<f64>, Vec<u32>),
 }
 
@@ -83,7 +85,7 @@ impl Particles {
 }
 
 /// Mean and covariance of the robot's pose over all particles.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PoseEstimate {
     /// Mean of `T_world_robot`; the heading is the direction of the mean unit vector.
     pub mean: Pose,

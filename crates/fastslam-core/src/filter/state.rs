@@ -10,9 +10,10 @@ use crate::motion::{MotionByNoise, MotionGaussian};
 use crate::path::PathForest;
 use crate::smoothing::History;
 use crate::weights::Weights;
+use serde::{Deserialize, Serialize};
 
 /// The filter between two steps.
-#[derive(Clone)]
+#[derive(Clone, Serialize, Deserialize)]
 pub(super) struct State {
     pub particles: Particles,
     pub weights: Weights,
@@ -35,7 +36,7 @@ pub(super) struct State {
 }
 
 /// How often something was done: numbers the random streams.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Counters {
     pub controls: u64,
     pub samplings: u64,
@@ -43,7 +44,7 @@ pub(super) struct Counters {
 }
 
 /// When to rejuvenate, and what is remembered for it.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Rejuvenation {
     pub history: History,
     /// Steps at the last time.

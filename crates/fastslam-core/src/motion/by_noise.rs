@@ -4,6 +4,7 @@ use super::gaussian::MotionGaussian;
 use super::row::CONTROL_NOISES;
 use super::Motion;
 use crate::geometry::{transform3, Matrix3, Pose};
+use serde::{Deserialize, Serialize};
 
 /// Keys of a configuration that set one noise of the motion together, so that one factor is told for all of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,7 +19,7 @@ pub struct NoiseKeys {
 
 /// A motion with the covariances that its noises add, in the frame of its start; with what no key of a configuration
 /// sets alone ([`super::RowMotion::rest`]) their sum is that of the motion.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct MotionByNoise {
     /// `T_start_now`.
     pub mean: Pose,

@@ -7,9 +7,10 @@ use crate::geometry::{multiply3, transform3, Matrix3, Pose};
 use crate::math;
 use crate::random::Stream;
 use crate::vector::vectorized;
+use serde::{Deserialize, Serialize};
 
 /// A motion of the robot as a Gaussian in the frame of its start.
-#[derive(Clone, Copy, Debug, PartialEq, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct MotionGaussian {
     /// `T_start_now`.
     pub mean: Pose,

@@ -4,6 +4,7 @@ use crate::geometry::Pose;
 use crate::motion::MotionGaussian;
 use crate::sighting::Measured;
 use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
 /// A sighting that belongs to no landmark of a particle's map.
@@ -13,7 +14,7 @@ pub const NO_LANDMARK: u32 = u32::MAX;
 const NONE: u32 = u32::MAX;
 
 /// One scan as one or more particles explained it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Explanation {
     /// That of the scan before.
     previous: u32,
@@ -26,7 +27,7 @@ struct Explanation {
 /// Motions, sightings and associations since the start.
 ///
 /// Associations are a forest like that of the paths, but shared by all particles that decided alike.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct History {
     /// Motion from the pose before to the pose of each step.
     motions: Vec<MotionGaussian>,
@@ -39,6 +40,7 @@ pub struct History {
     /// Latest explanation of each particle.
     tips: Vec<u32>,
     /// Explanations of the scan at hand by (previous, choices).
+    #[serde(skip)]
     known: FxHashMap<(u32, Vec<u32>), u32>,
 }
 

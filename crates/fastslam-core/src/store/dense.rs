@@ -1,9 +1,10 @@
 //! The reference store: every particle owns every landmark.
 
-use super::{LandmarkStore, Rows, RowsMut, StoreUsage};
+use super::{LandmarkStore, Rows, RowsMut, StoreRef, StoreUsage};
+use serde::{Deserialize, Serialize};
 
 /// One full block of rows per landmark, copied at every resampling: O(M K).
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DenseStore {
     particles: usize,
     columns: usize,
@@ -92,7 +93,7 @@ impl LandmarkStore for DenseStore {
         }
     }
 
-    fn snapshot(&self) -> Box<dyn LandmarkStore> {
-        Box::new(self.clone())
+    fn kind(&self) -> StoreRef<'_> {
+        StoreRef::Dense(self)
     }
 }

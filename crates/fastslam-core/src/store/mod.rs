@@ -14,7 +14,7 @@ pub use tree::TreeStore;
 
 use crate::workers::Workers;
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Which store holds the maps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -143,13 +143,53 @@ pub trait LandmarkStore: Send + Sync {
     /// What the population occupies.
     fn usage(&self) -> StoreUsage;
 
-    /// An independent copy of the whole population.
-    fn snapshot(&self) -> Box<dyn LandmarkStore>;
+    /// Which of the stores this is.
+    fn kind(&self) -> StoreRef<'_>;
+}
+
+/// One of the stores.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub enum StoreRef<'a> {
+    /// The reference.
+    Dense(&'a DenseStore),
+    /// That of the paper.
+    Tree(&'a TreeStore),
+    /// The default.
+    Lineage(&'a LineageStore),
+}
+
+/// What [`StoreRef`] writes, read again.
+#[derive(Deserialize)]
+enum Stored {
+    Dense(Box<DenseStore>),
+    Tree(Box<TreeStore>),
+    Lineage(Box<LineageStore>),
 }
 
 impl Clone for Box<dyn LandmarkStore> {
+    /// An independent copy of the whole population.
     fn clone(&self) -> Self {
-        self.snapshot()
+        match self.kind() {
+            StoreRef::Dense(store) => Box::new(store.clone()),
+            StoreRef::Tree(store) => Box::new(store.clone()),
+            StoreRef::Lineage(store) => Box::new(store.clone()),
+        }
+    }
+}
+
+impl Serialize for Box<dyn LandmarkStore> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.kind().serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Box<dyn LandmarkStore> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Ok(match Stored::deserialize(deserializer)? {
+            Stored::Dense(store) => store,
+            Stored::Tree(store) => store,
+            Stored::Lineage(store) => store,
+        })
     }
 }
 

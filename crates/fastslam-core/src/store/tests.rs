@@ -114,10 +114,10 @@ impl Population {
                 if let Some((model, stores)) = &self.saved {
                     self.model = model.clone();
                     for ((_, store), saved) in self.stores.iter_mut().zip(stores) {
-                        *store = saved.snapshot();
+                        *store = saved.clone();
                     }
                 }
-                self.saved = Some((self.model.clone(), self.stores.iter().map(|(_, s)| s.snapshot()).collect()));
+                self.saved = Some((self.model.clone(), self.stores.iter().map(|(_, s)| s.clone()).collect()));
             }
         }
     }

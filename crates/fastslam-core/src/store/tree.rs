@@ -4,13 +4,14 @@
 //! Resampling copies roots. Changing a landmark copies the nodes on its path that are shared and reuses the others in
 //! place. **Source:** `montemerlo2002fastslam`, section 3.3 and figure 2.
 
-use super::{LandmarkStore, Rows, RowsMut, StoreUsage};
+use super::{LandmarkStore, Rows, RowsMut, StoreRef, StoreUsage};
+use serde::{Deserialize, Serialize};
 
 /// "No node": an empty subtree.
 const NONE: u32 = u32::MAX;
 
 /// Persistent binary trees with path copying: O(M log K) per update, O(M) per resampling.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TreeStore {
     columns: usize,
     /// Root of each particle's tree.
@@ -26,7 +27,7 @@ pub struct TreeStore {
 }
 
 /// Nodes with reference counts and a list of free ones.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Arena<T> {
     nodes: Vec<T>,
     references: Vec<u32>,
@@ -284,8 +285,8 @@ impl LandmarkStore for TreeStore {
         StoreUsage { rows: self.leaf.live(), bytes }
     }
 
-    fn snapshot(&self) -> Box<dyn LandmarkStore> {
-        Box::new(self.clone())
+    fn kind(&self) -> StoreRef<'_> {
+        StoreRef::Tree(self)
     }
 }
 

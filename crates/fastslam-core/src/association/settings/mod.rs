@@ -43,7 +43,7 @@ pub enum AssociationMode {
 }
 
 /// Whether sightings without an identity may come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Identities {
     /// Every sighting has one.
     All,

@@ -1,6 +1,7 @@
 //! Storage for many small arrays whose lengths change: size classes on pages, without a heap allocation in the steady
 //! state and with fully free pages given back.
 
+use serde::{Deserialize, Serialize};
 /// Elements per page; an array longer than that has a page of its own.
 const PAGE: usize = 4096;
 /// Lengths up to this one have a class each; above, four classes per doubling (at most a quarter unused).
@@ -9,7 +10,7 @@ const EXACT: usize = 8;
 const SLACK: usize = 8;
 
 /// Where an array lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Place {
     page: u32,
     offset: u32,
@@ -21,7 +22,7 @@ impl Place {
 }
 
 /// A pool of arrays of `T`. The caller remembers the length of each.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Arena<T> {
     pages: Vec<Page<T>>,
     /// Pages that were given back; their numbers may be used again.
@@ -30,7 +31,7 @@ pub(super) struct Arena<T> {
     elements: usize,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Page<T> {
     values: Box<[T]>,
     /// Offsets from this one on were never handed out.
@@ -42,7 +43,7 @@ struct Page<T> {
     position: u32,
 }
 
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 struct Class {
     /// Pages with a free place, those without a live array first.
     open: Vec<u32>,

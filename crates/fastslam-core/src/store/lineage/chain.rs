@@ -1,6 +1,7 @@
 //! The chain of live stamps: who descends from whom, for the generations that some block still carries.
 
 use super::arena::{Arena, Place};
+use serde::{Deserialize, Serialize};
 
 /// No level, no slot.
 pub(super) const NONE: u32 = u32::MAX;
@@ -8,7 +9,7 @@ pub(super) const NONE: u32 = u32::MAX;
 const MAPS: usize = 32;
 
 /// One generation at which some block was touched last.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Level {
     /// Lineages of that generation that are still told apart: each is a row in every block of this level.
     pub(super) rows: u32,
@@ -28,7 +29,7 @@ pub(super) struct Level {
 }
 
 /// Levels from the newest to the oldest, and the lineage of every particle.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Chain {
     levels: Vec<Level>,
     vacant: Vec<u32>,
@@ -39,11 +40,16 @@ pub(super) struct Chain {
     current: Vec<u32>,
     parents: Arena<u32>,
     /// Maps of the present generation from particles to lineages, and the levels that they belong to.
+    #[serde(skip)]
     maps: Vec<(u32, Vec<u32>)>,
+    #[serde(skip)]
     maps_in_use: usize,
+    #[serde(skip)]
     next_map: usize,
+    #[serde(skip)]
     scratch: [Vec<u32>; 2],
     /// Which lineages of a level have a descendant; kept for its memory.
+    #[serde(skip)]
     has_descendant: Vec<bool>,
 }
 

@@ -4,10 +4,11 @@
 //! moves no Gaussian; a landmark catches up with all resamplings since its last touch in one gather when it is touched
 //! again. Rows without descendants are swept away a little at every call. `docs/lineage-store.md` explains it.
 
+use serde::{Deserialize, Serialize};
 mod arena;
 mod chain;
 
-use super::{LandmarkStore, Rows, RowsMut, StoreUsage};
+use super::{LandmarkStore, Rows, RowsMut, StoreRef, StoreUsage};
 use crate::workers::{Workers, PART};
 use arena::{Arena, Place};
 use chain::{Chain, Level, NONE};
@@ -23,7 +24,7 @@ const PRUNED_AT_ONCE: [usize; 2] = [32, 1];
 
 /// Blocks stamped by generation: O(M) per touch and per resampling whatever the number of landmarks, and memory for
 /// the distinct rows only.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LineageStore {
     columns: usize,
     chain: Chain,
@@ -36,13 +37,15 @@ pub struct LineageStore {
     /// Rows that some particle descends from, as far as they were counted.
     alive: usize,
     /// Rows of the landmark that is being read, in particle order.
+    #[serde(skip)]
     scratch: Vec<f64>,
     sweep: Sweep,
+    #[serde(skip)]
     workers: Workers,
 }
 
 /// The rows of one landmark: as many as its level has lineages, column after column.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Block {
     /// No level: the slot is empty, and no map holds the landmark.
     level: u32,
@@ -55,7 +58,7 @@ struct Block {
 const EMPTY: Block = Block { level: NONE, previous: NONE, next: NONE, place: Place::EMPTY };
 
 /// Where the sweep from older to younger levels stands.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 struct Sweep {
     /// The level to be looked at next; none between two sweeps.
     level: u32,
@@ -440,8 +443,8 @@ impl LandmarkStore for LineageStore {
         StoreUsage { rows: self.rows, bytes }
     }
 
-    fn snapshot(&self) -> Box<dyn LandmarkStore> {
-        Box::new(self.clone())
+    fn kind(&self) -> StoreRef<'_> {
+        StoreRef::Lineage(self)
     }
 }
 

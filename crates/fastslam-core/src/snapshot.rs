@@ -1,0 +1,218 @@
+//! States as bytes: a versioned container with a checksum.
+//!
+//! A snapshot holds what a later step needs and the configuration that it was made with, and nothing else; whoever goes
+//! on from it gets the bits that the filter would have given without the cut. The crate knows no files: writing the
+//! bytes is the caller's.
+
+use crate::association::Identities;
+use crate::config::Config;
+use crate::error::{Error, Result};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// What every snapshot begins with.
+const MAGIC: [u8; 8] = *b"fastslam";
+/// Layout of what is stored. It goes up whenever a stored type changes; a stored file in the tests tells when.
+pub const FORMAT: u32 = 1;
+/// Magic, format, length of the content, checksum of the content.
+const PREAMBLE: usize = MAGIC.len() + 4 + 8 + 4;
+
+/// What a snapshot is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Holds {
+    /// A filter between two calls.
+    Filter,
+    /// A run over a log.
+    Run,
+}
+
+/// What a snapshot says before the state.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Head {
+    /// What it is of.
+    pub holds: Holds,
+    /// Version of the crate that wrote it.
+    pub program: String,
+    /// The configuration as JSON.
+    pub configuration: String,
+    /// Which sightings come with an identity.
+    pub identities: Identities,
+    /// What the caller keeps with the state; the filter does not read it.
+    pub note: String,
+}
+
+impl Head {
+    /// Of a filter with this configuration.
+    pub(crate) fn new(config: &Config, identities: Identities, note: &str) -> Result<Self> {
+        Self::of(Holds::Filter, config, identities, note)
+    }
+
+    /// Of a run with this configuration.
+    pub(crate) fn of_run(config: &Config, identities: Identities) -> Result<Self> {
+        Self::of(Holds::Run, config, identities, "")
+    }
+
+    fn of(holds: Holds, config: &Config, identities: Identities, note: &str) -> Result<Self> {
+        let configuration = serde_json::to_string(config).map_err(|e| Error::Input(format!("configuration: {e}")))?;
+        let (program, note) = (env!("CARGO_PKG_VERSION").to_owned(), note.to_owned());
+        Ok(Self { holds, program, configuration, identities, note })
+    }
+
+    /// The configuration, valid.
+    pub fn config(&self) -> Result<Config> {
+        let config: Config = serde_json::from_str(&self.configuration)
+            .map_err(|e| refused(&format!("its configuration cannot be read ({e})")))?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// An error that names the first key in which a snapshot was made otherwise. Threads change no result, and may
+    /// differ.
+    pub(crate) fn check(&self, config: &Config, identities: Identities) -> Result<()> {
+        let wanted = Self::new(config, identities, "")?;
+        let [theirs, ours] = [self, &wanted].map(|head| serde_json::from_str(&head.configuration).unwrap_or_default());
+        if let Some((key, theirs, ours)) = first_difference("", &without_threads(theirs), &without_threads(ours)) {
+            return Err(refused(&format!("it was made with {key} = {theirs}, not {ours}")));
+        }
+        if self.identities != wanted.identities {
+            let (theirs, ours) = (self.identities, wanted.identities);
+            return Err(refused(&format!("it was made for identities of {theirs:?} sightings, not of {ours:?}")));
+        }
+        Ok(())
+    }
+}
+
+fn refused(why: &str) -> Error {
+    Error::Input(format!("the snapshot is refused: {why}"))
+}
+
+fn without_threads(mut config: Value) -> Value {
+    if let Some(filter) = config.get_mut("filter").and_then(Value::as_object_mut) {
+        filter.remove("threads");
+    }
+    config
+}
+
+/// Dotted key and both values of the first thing that differs.
+fn first_difference(key: &str, a: &Value, b: &Value) -> Option<(String, Value, Value)> {
+    if let (Value::Object(a), Value::Object(b)) = (a, b) {
+        let names = a.keys().chain(b.keys().filter(|name| !a.contains_key(*name)));
+        let dot = if key.is_empty() { "" } else { "." };
+        let of = |map: &serde_json::Map<String, Value>, name: &String| map.get(name).cloned().unwrap_or_default();
+        return names.filter_map(|n| first_difference(&format!("{key}{dot}{n}"), &of(a, n), &of(b, n))).next();
+    }
+    (a != b).then(|| (key.to_owned(), a.clone(), b.clone()))
+}
+
+/// A container around a head and what follows it.
+pub(crate) fn seal(head: &Head, content: &impl Serialize) -> Result<Vec<u8>> {
+    let mut bytes = vec![0; PREAMBLE];
+    let failed = |e: postcard::Error| Error::Input(format!("the state cannot be stored: {e}"));
+    bytes = postcard::to_extend(head, bytes).map_err(failed)?;
+    bytes = postcard::to_extend(content, bytes).map_err(failed)?;
+    let (preamble, stored) = bytes.split_at_mut(PREAMBLE);
+    let checksum = crc32fast::hash(stored);
+    preamble[..8].copy_from_slice(&MAGIC);
+    preamble[8..12].copy_from_slice(&FORMAT.to_le_bytes());
+    preamble[12..20].copy_from_slice(&(stored.len() as u64).to_le_bytes());
+    preamble[20..].copy_from_slice(&checksum.to_le_bytes());
+    Ok(bytes)
+}
+
+/// The head of a container, and what follows it as bytes.
+///
+/// **Errors:** [`Error::Input`] when the bytes are no snapshot, of another format, cut off, damaged, or of something else.
+pub(crate) fn open(bytes: &[u8], wanted: Holds) -> Result<(Head, &[u8])> {
+    let (head, stored) = unsealed(bytes)?;
+    match (wanted, head.holds) {
+        (Holds::Filter, Holds::Run) => Err(refused("it is of a run over a log, not of a filter")),
+        (Holds::Run, Holds::Filter) => Err(refused("it is of a filter, not of a run over a log")),
+        _ => Ok((head, stored)),
+    }
+}
+
+fn unsealed(bytes: &[u8]) -> Result<(Head, &[u8])> {
+    let Some((preamble, stored)) = bytes.split_at_checked(PREAMBLE).filter(|(start, _)| start[..8] == MAGIC) else {
+        return Err(refused("it is no snapshot of fastslam"));
+    };
+    let number = |from: usize, length: usize| {
+        preamble[from..from + length].iter().rev().fold(0_u64, |sum, byte| sum << 8 | u64::from(*byte))
+    };
+    let (format, length, checksum) = (number(8, 4), number(12, 8), number(20, 4));
+    if format != u64::from(FORMAT) {
+        let age = if format > u64::from(FORMAT) { "a newer" } else { "an older" };
+        return Err(refused(&format!("it is of {age} format, {format}; this version reads {FORMAT}")));
+    }
+    if length != stored.len() as u64 {
+        return Err(refused(&format!("it is cut off or overlong: {} bytes of content, not {length}", stored.len())));
+    }
+    if checksum != u64::from(crc32fast::hash(stored)) {
+        return Err(refused("it is damaged (the checksum differs)"));
+    }
+    postcard::take_from_bytes(stored).map_err(|e| refused(&format!("its head cannot be read ({e})")))
+}
+
+/// What follows the head.
+pub(crate) fn content<T: DeserializeOwned>(stored: &[u8]) -> Result<T> {
+    match postcard::take_from_bytes(stored) {
+        Ok((content, [])) => Ok(content),
+        Ok((_, rest)) => Err(refused(&format!("{} bytes are left over", rest.len()))),
+        Err(error) => Err(refused(&format!("its state cannot be read ({error})"))),
+    }
+}
+
+/// What a snapshot says of itself: configuration and identities.
+///
+/// **Errors:** [`Error::Input`] when the bytes are no snapshot, of another format, cut off or damaged.
+pub fn head(bytes: &[u8]) -> Result<Head> {
+    Ok(unsealed(bytes)?.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sealed() -> Vec<u8> {
+        seal(&Head::new(&Config::default(), Identities::All, "a note").unwrap(), &(7_u32, "state".to_owned())).unwrap()
+    }
+
+    #[test]
+    fn what_was_sealed_is_opened_and_any_damage_is_found() {
+        let bytes = sealed();
+        let (head, stored) = unsealed(&bytes).unwrap();
+        assert_eq!((head.config().unwrap(), head.note.as_str()), (Config::default(), "a note"));
+        assert_eq!(content::<(u32, String)>(stored).unwrap(), (7, "state".to_owned()));
+        for place in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[place] ^= 1 << (place % 8);
+            assert!(unsealed(&damaged).is_err(), "byte {place}");
+            assert!(unsealed(&bytes[..place]).is_err(), "cut at {place}");
+        }
+    }
+
+    #[test]
+    fn a_refusal_says_why() {
+        let message = |bytes: &[u8]| open(bytes, Holds::Filter).unwrap_err().to_string();
+        assert!(message(b"PK").contains("no snapshot of fastslam"));
+        let mut newer = sealed();
+        newer[8] += 1;
+        assert!(message(&newer).contains("a newer format, 2; this version reads 1"));
+        assert!(message(&sealed()[..99]).contains("cut off"));
+        let of_a_run = seal(&Head::of_run(&Config::default(), Identities::All).unwrap(), &0).unwrap();
+        assert!(message(&of_a_run).contains("of a run"));
+    }
+
+    #[test]
+    fn another_configuration_is_named_by_its_first_key_and_threads_may_differ() {
+        let check = |config: &Config| {
+            Head::new(config, Identities::All, "").unwrap().check(&Config::default(), Identities::All)
+        };
+        let mut config = Config::default();
+        config.filter.threads = 2;
+        assert_eq!(check(&config), Ok(()));
+        config.filter.particles = 7;
+        let refusal = check(&config).unwrap_err().to_string();
+        assert!(refusal.ends_with("it was made with filter.particles = 7, not 100"), "{refusal}");
+    }
+}
