@@ -193,15 +193,17 @@ def test_demo_in_a_real_process_takes_less_than_ten_seconds(tmp_path: Path) -> N
     assert elapsed_s < 30.0
 
 
-def test_ctrl_c_keeps_what_was_computed_and_exits_130(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
+def test_a_stopped_run_keeps_what_was_computed_and_exits_130(number: int, tmp_path: Path) -> None:
     log = write_small_log(tmp_path / "log", steps=3000)
     out = tmp_path / "out"
-    with process("run", log, "--out", out, "--particles", "20000", "--no-report", cwd=tmp_path) as run:
+    options = ("--particles", "20000", "--no-report", "--checkpoint-every", "600")
+    with process("run", log, "--out", out, *options, cwd=tmp_path) as run:
         deadline = time.monotonic() + 60.0
         while not out.exists() and time.monotonic() < deadline:
             time.sleep(0.05)
         time.sleep(1.0)
-        run.send_signal(signal.SIGINT)
+        run.send_signal(number)
         stdout, stderr = run.communicate(timeout=60)
     assert run.returncode == 130, (stdout, stderr)
     assert "Traceback" not in stdout + stderr
@@ -211,6 +213,7 @@ def test_ctrl_c_keeps_what_was_computed_and_exits_130(tmp_path: Path) -> None:
     assert 0 < len(result.steps.stamp_s) < 600
     assert result.trajectory.stamp_s[-1] == pytest.approx(result.steps.stamp_s[-1])
     assert json.loads((out / "metrics.json").read_text())["steps"] == len(result.steps.stamp_s)
+    assert (out / "checkpoint.fastslam").stat().st_size > 1_000
 
 
 def test_bad_input_in_a_real_process(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Entry point of the program. Imports nothing heavy, so that Ctrl-C is one line from the first moment on."""
+"""Entry point of the program. Imports nothing heavy: Ctrl-C and SIGTERM are one line from the start."""
 
 from __future__ import annotations
 
@@ -8,27 +8,30 @@ import sys
 from types import FrameType
 
 INTERRUPTED = 130
+_USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}
+"""The signals that end a command in order, and what they do as long as nobody says otherwise."""
 
 
 def main() -> None:
     """The `fastslam` program."""
-    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if ours:
-        signal.signal(signal.SIGINT, _end_at_once)
+    ours = [number for number, usual in _USUAL.items() if signal.getsignal(number) is usual]
+    for number in ours:
+        signal.signal(number, _end_at_once)
     try:
         from .cli.app import main as run_program
 
         run_program()
     finally:
-        if ours:
+        for number in ours:
             # What was to be done is done: nothing may break into the interpreter's own end.
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            signal.signal(number, signal.SIG_IGN)
 
 
 def interruptible() -> None:
-    """From here on Ctrl-C is the exception that commands expect."""
-    if signal.getsignal(signal.SIGINT) is _end_at_once:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+    """From here on Ctrl-C, or the request to end, is the exception that commands expect."""
+    for number in _USUAL:
+        if signal.getsignal(number) is _end_at_once:
+            signal.signal(number, signal.default_int_handler)
 
 
 def _end_at_once(_number: int, _frame: FrameType | None) -> None:

@@ -85,8 +85,8 @@ def run_log(
 
     Settings come from: defaults < the log's own < --config < --set and the flags below.
 
-    Ctrl-C stops the run: what was computed until then is written, and the exit code is 130. With
-    --checkpoint-every the same command and --resume goes on from there, to the same bits.
+    Ctrl-C or SIGTERM stops the run: what was computed until then is written, and the exit code is 130.
+    With --checkpoint-every the same command and --resume goes on from there, to the same bits.
 
     \b
     Examples:
