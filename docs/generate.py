@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 import re
 import textwrap
 from collections.abc import Iterable, Iterator
@@ -18,6 +19,7 @@ from typing import Any
 import typer
 from fastslam import config, detection, simulation
 from fastslam.cli import app
+from fastslam.limits import OF_SETTINGS
 from fastslam.settings import KeyInfo
 
 DOCS = Path(__file__).parent
@@ -101,6 +103,33 @@ Every key that a run can be given, as `--set section.key=value`, in a YAML file 
 the log's own < file < command line. An unknown key is an error. Units end the names: SI and
 radians. `fastslam config dump` prints a complete file, `fastslam config explain KEY` one entry."""
 
+UNITS = {
+    "_m": "lengths",
+    "_rad": "angles",
+    "_s": "durations",
+    "_per_s": "speeds and rates",
+    "_per_sqrt_m": "noise per root metre",
+    "_per_sqrt_rad": "noise per root radian",
+    "": "numbers without a unit",
+}
+OTHERS = {"position": "coordinates in the world (of poses and points)"}
+
+
+def bounds() -> str:
+    """What no setting exceeds, by the unit that ends its key."""
+    ends = {unit: f"{words} (`{unit}`)" if unit else words for unit, words in UNITS.items()} | OTHERS
+    listed = ", ".join(f"{words} {_power(OF_SETTINGS[unit])}" for unit, words in ends.items())
+    text = (
+        f"Beyond these sizes a number is refused, with a line that names its key: {listed}. "
+        f"What must be positive is at least {_power(OF_SETTINGS['least'])}."
+    )
+    return "\n\n" + "\n".join(textwrap.wrap(text, 100))
+
+
+def _power(value: float) -> str:
+    return f"1e{round(math.log10(value))}"
+
+
 SIMULATION = """\
 Every key of `fastslam simulate` (`--set`, `--config`) and of `fastslam.simulation.simulate`.
 `--preset` lays a ready-made simulation under them; `simulation.yaml` beside a simulated log holds
@@ -141,9 +170,11 @@ def pages() -> dict[str, str]:
     return {
         "../python/README.md": package_readme(),
         "cli.md": cli_page(),
-        "configuration.md": settings_page("Configuration", CONFIGURATION, config.explain()),
-        "simulation.md": settings_page("Simulation settings", SIMULATION, simulation.SCHEMA.explain()),
-        "detectors.md": settings_page("Detector settings", DETECTORS, detection.SCHEMA.explain()),
+        "configuration.md": settings_page("Configuration", CONFIGURATION + bounds(), config.explain()),
+        "simulation.md": settings_page(
+            "Simulation settings", SIMULATION + bounds(), simulation.SCHEMA.explain()
+        ),
+        "detectors.md": settings_page("Detector settings", DETECTORS + bounds(), detection.SCHEMA.explain()),
     }
 
 

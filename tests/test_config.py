@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 import yaml
 from fastslam.config import Config, explain, load_config, merge, parse_assignments, schema
 from fastslam.errors import ConfigError
+from fastslam.limits import OF_SETTINGS
 
 
 def message_of(action: Callable[[], Any]) -> str:
@@ -85,6 +87,26 @@ def test_every_key_is_explained_and_its_default_is_what_the_core_fills_in() -> N
             assert info.default == value, info.name
             checked += 1
     assert checked > 10
+
+
+def test_every_number_has_a_bound_and_one_beyond_it_is_refused_by_name() -> None:
+    refused = 0
+    for info in explain():
+        if not info.type.startswith("number"):
+            continue
+        unit = next((unit for unit in sorted(OF_SETTINGS, key=len)[::-1] if info.name.endswith(unit)), "")
+        most = OF_SETTINGS["position" if info.name in ("initial_pose.x_m", "initial_pose.y_m") else unit]
+        layer: dict[str, Any] = {"association": {"classes": {}, "signatures": {}}}
+        if info.only_for:
+            layer = merge(layer, {"motion": {"model": info.only_for.split()[2]}})
+        for value in (1.001 * most, 1e300, float("nan")):
+            wrong: Any = value
+            for part in reversed(info.name.split(".")):
+                wrong = {part: wrong}
+            message = message_of(partial(Config.resolve, layer, wrong))
+            assert message.startswith(f"{info.name}: "), message
+        refused += 1
+    assert refused > 60
 
 
 def test_explain_of_a_section_lists_only_it() -> None:

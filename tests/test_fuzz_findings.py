@@ -71,18 +71,34 @@ def test_live_numbers_that_are_none(value: Any) -> None:
         robot.predict(value, dt_s=0.1)
 
 
-def test_after_a_failed_scan_names_and_time_go_on() -> None:
-    """The map may hold landmarks of the scan that failed; their names were lost."""
+def test_a_scan_that_fails_leaves_the_filter_as_it_was() -> None:
+    """Once the map held landmarks of the scan that failed, and their names were lost."""
     settings = {"association": {"signatures": {}}, "filter": {"particles": 7}}
     robot = FastSlam(settings)
     robot.step([0.5, 0.1], dt_s=0.1, range_m=[5.0], bearing_rad=[0.1], identity=["oak"])
+    before = robot.pose, robot.landmarks
     with pytest.raises(NumericalError):
         robot.update(
-            0.1, range_m=[4.0, 4.0], bearing_rad=[0.1, 0.1], identity=["fir", "fir"], signature=[1.0, 1e154]
+            5.0, range_m=[4.0, 4.0], bearing_rad=[0.1, 0.1], identity=["fir", "fir"], signature=[1.0, 1e154]
         )
-    assert set(robot.landmarks.ids) == {"oak", "fir"}
+    for old, new in zip(before[0], robot.pose, strict=True):
+        np.testing.assert_array_equal(old, new)
+    np.testing.assert_array_equal(before[1].covariance_m2, robot.landmarks.covariance_m2)
+    assert robot.landmarks.ids == ("oak",)
+    # Time has not passed either.
+    robot.update(0.2, range_m=[4.0], bearing_rad=[0.1], identity=["fir"])
     robot.step([0.5, 0.1], dt_s=0.1, range_m=[4.0], bearing_rad=[0.4], identity=["ash"])
-    assert "ash" in robot.landmarks.ids and np.isfinite(robot.pose[0]).all()
+    assert set(robot.landmarks.ids) == {"oak", "fir", "ash"} and np.isfinite(robot.pose[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("sensor.mounting.x_m", 1.8e19), ("sensor.max_range_m", 2e7), ("sensor.range_std_m", 1e-13)],
+)
+def test_lengths_that_no_sensor_has(key: str, value: float) -> None:
+    """They gave landmarks that were no numbers, or seconds of computing, without a word."""
+    with pytest.raises(ConfigError, match=rf"^{key}: got .*, expected a finite number"):
+        FastSlam(parse_assignments([f"{key}={value!r}"]))
 
 
 @pytest.mark.parametrize("model", ["velocity", "ackermann"])

@@ -15,6 +15,9 @@ def config_schema() -> str:
 def resolve_config(json: str) -> str:
     """Fills in defaults and checks every value; a ValueError's message starts with the dotted key."""
 
+def limits() -> dict[str, float]:
+    """The largest size of a setting by the unit that ends its key (`_m`); `position`, `least` and `state`."""
+
 def control_columns(json: str) -> list[str]:
     """Names of the values of a control of the configured motion model."""
 

@@ -57,8 +57,9 @@ class FastSlam:
     >>> info.new_landmarks, sorted(robot.landmarks.ids)
     (2, ['elm', 'oak'])
 
-    A call that raises `DataError` changes nothing. After a `NumericalError`, which says that no particle can
-    explain a scan, all particles count the same and the stream may go on; the motion before the scan stays.
+    A call that raises `DataError` changes nothing. A `NumericalError` says that no particle can explain a
+    scan, or that it would leave numbers that are none: the filter is as it was before the scan, to the last
+    bit, and the stream may go on; the motion before the scan stays.
     `save` and `load` keep a filter in a file; it may be pickled and deep-copied. Whatever goes on from there
     gives the bits that this one would have given.
 
@@ -184,7 +185,12 @@ class FastSlam:
         scan = self._scan(range_m, bearing_rad, identity)
         with self._lock:
             stamp = self._stamp_s + seconds
-            return self._told(stamp, scan, lambda columns: self._filter.step(values, seconds, stamp, columns))
+            return self._told(
+                stamp,
+                scan,
+                lambda columns: self._filter.step(values, seconds, stamp, columns),
+                moved_s=seconds,
+            )
 
     def rejuvenate(self) -> bool:
         """Draws all particles anew from the posterior over paths, given the best particle's associations.
@@ -270,9 +276,14 @@ class FastSlam:
             )
 
     def _told(
-        self, stamp_s: float, scan: _Scan, work: Callable[[_core._ScanColumns], dict[str, Any]]
+        self,
+        stamp_s: float,
+        scan: _Scan,
+        work: Callable[[_core._ScanColumns], dict[str, Any]],
+        *,
+        moved_s: float = 0.0,
     ) -> StepInfo:
-        """Gives a scan to the core; where that refuses it, names and stamps are not kept either."""
+        """Gives a scan to the core, perhaps after a motion; of a refused one no names and stamps are kept."""
         index_of: dict[str, int] = {}
         for name in scan.names or ():
             if name is not None and name not in self._index_of:
@@ -282,9 +293,8 @@ class FastSlam:
             with _core_errors():
                 answer = work(columns)
         except NumericalError:
-            # The map may already hold what the scan named, and the stream goes on after it.
-            self._index_of.update(index_of)
-            self._stamp_s = max(self._stamp_s, stamp_s)
+            # The motion of a step stays, and with it the time that it took.
+            self._stamp_s += moved_s
             raise
         self._index_of.update(index_of)
         self._stamp_s = self._updated_s = stamp_s

@@ -6,11 +6,14 @@ import math
 
 import numpy as np
 
+from . import _core
 from .log import Bools, Floats
 
 LARGEST_STAMP_S = 1e11
 """Seconds since 1970 stay below this until the year 5138; milliseconds since 1970 do not."""
-LARGEST_MAGNITUDE = 1e30
+OF_SETTINGS = _core.limits()
+"""The largest size of a setting by the unit that ends its key; see `docs/configuration.md`."""
+LARGEST_MAGNITUDE = OF_SETTINGS["state"]
 """As in the core: the squares of larger numbers, and products of these, are none."""
 WIDEST_GAP_S = 5e6
 """58 days, or ten million steps of the default `filter.path_period_s`: wider gaps are wrong stamps."""

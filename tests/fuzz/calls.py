@@ -203,15 +203,15 @@ def _made(robot: FastSlam, call: Call) -> str:
     before = _state(robot)
     try:
         info = methods[call.name](**call.arguments)
-    except NumericalError as error:
-        check_message(error)
-        _check_state(robot)
-        return "call failed"
     except FastSlamError as error:
         check_message(error)
-        if any((old != new).any() for old, new in zip(before, _state(robot), strict=True)):
+        _check_state(robot)
+        failed = isinstance(error, NumericalError)
+        # The motion of a step whose scan fails stays.
+        same = all(map(np.array_equal, before, _state(robot)))
+        if not same and not (failed and call.name == "step"):
             raise FaultError(f"{call.name} was refused ({error}) and yet the filter changed") from error
-        return "call refused"
+        return "call failed" if failed else "call refused"
     _check_state(robot)
     if call.name in ("update", "step"):
         check_finite("step", np.array([info.log_likelihood, info.effective_sample_size, info.nis]))
@@ -219,13 +219,14 @@ def _made(robot: FastSlam, call: Call) -> str:
 
 
 def _state(robot: FastSlam) -> tuple[np.ndarray, ...]:
-    return (*robot.pose, *robot.particles)
+    found = robot.landmarks
+    flat = np.concatenate([found.mean_m.ravel(), found.covariance_m2.ravel()])
+    return (*robot.pose, *robot.particles, np.append(flat, len(robot.path.stamp_s)))
 
 
 def _check_state(robot: FastSlam) -> None:
-    check_finite("pose and particles", *_state(robot))
+    check_finite("pose, particles and landmarks", *_state(robot))
     found = robot.landmarks
-    check_finite("landmarks", found.mean_m, found.covariance_m2)
     if len(set(found.ids)) != len(found.ids):
         raise FaultError("two landmarks of one id")
     check_finite("path", robot.path.T_world_robot)

@@ -4,7 +4,7 @@ pub use crate::association::{
     AssociationConfig, AssociationMode, AssociationOrder, Classes, Exclusion, ExistenceConfig, ExistenceForm, Merging,
     MergingRule, Method, Removal, Signatures,
 };
-use crate::error::{finite, fraction, positive, Error, Result};
+use crate::error::{coordinate, finite, fraction, positive, Error, Result};
 pub use crate::filter::settings::{
     AdaptiveConfig, Algorithm, FilterConfig, ParticleNumber, RejuvenationConfig, ResamplingConfig,
 };
@@ -105,13 +105,9 @@ impl Config {
         if self.algorithm == Algorithm::Ekf {
             self.association.validate_for_ekf().map_err(|e| e.within("association"))?;
         }
-        for (key, value) in [
-            ("initial_pose.x_m", self.initial_pose.x_m),
-            ("initial_pose.y_m", self.initial_pose.y_m),
-            ("initial_pose.heading_rad", self.initial_pose.heading_rad),
-        ] {
-            finite(key, value)?;
-        }
+        coordinate("initial_pose.x_m", self.initial_pose.x_m)?;
+        coordinate("initial_pose.y_m", self.initial_pose.y_m)?;
+        finite("initial_pose.heading_rad", self.initial_pose.heading_rad)?;
         self.health.validate().map_err(|e| e.within("health"))
     }
 }
@@ -159,7 +155,7 @@ mod tests {
         config.sensor.range_std_m = 0.0;
         assert_eq!(
             config.validate().map_err(|e| e.to_string()),
-            Err("sensor.range_std_m: got 0, expected a finite number above 0 (1e-30 to 1e30)".into())
+            Err("sensor.range_std_m: got 0, expected a finite number above 0 (1e-12 to 1e6)".into())
         );
         let mut config = Config::default();
         config.filter.resampling.threshold = 1.5;

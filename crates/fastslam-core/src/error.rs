@@ -1,10 +1,7 @@
 //! Errors of the core, with the data that says what happened.
 
+use crate::limits;
 use std::fmt;
-
-/// Settings and measurements are not larger, nor (where they must be positive) smaller than its inverse: their squares
-/// and the products of these stay numbers.
-pub(crate) const LARGEST_MAGNITUDE: f64 = 1e30;
 
 /// What can go wrong in the filter.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,19 +44,12 @@ impl Error {
         Self::Parameter { key: key.into(), got: got.to_string(), expected: expected.into() }
     }
 
-    /// No control of a robot is larger (metres or radians, per second or for a whole increment): beyond this, angles lose
-    /// their meaning.
-    pub(crate) const LARGEST_CONTROL: f64 = 1e6;
-    /// Thirty years: no control acts for longer.
-    const LONGEST_CONTROL_S: f64 = 1e9;
-
     /// An error unless a control and its duration make sense.
     pub(crate) fn check_control(control: [f64; 3], dt_s: f64) -> Result<()> {
-        let most = Self::LARGEST_CONTROL;
-        if control.iter().all(|v| v.abs() <= most) && (0.0..=Self::LONGEST_CONTROL_S).contains(&dt_s) {
+        let (most, longest) = (limits::LARGEST_RATE, limits::LONGEST_S);
+        if control.iter().all(|v| v.abs() <= most) && (0.0..=longest).contains(&dt_s) {
             return Ok(());
         }
-        let longest = Self::LONGEST_CONTROL_S;
         let expected = format!("expected finite numbers, at most {most:e}, and dt_s from 0 to {longest:e}");
         Err(Self::Input(format!("control {control:?} for {dt_s} s: {expected}")))
     }
@@ -92,30 +82,51 @@ impl std::error::Error for Error {}
 /// Result of the core.
 pub type Result<T> = std::result::Result<T, Error>;
 
-/// `value` if it is positive and of a size to compute with (1e-30 to 1e30), else an error that names `key`.
+/// `value` if it is positive and of a size that `key` can have ([`limits`]), else an error that names the key.
 pub fn positive(key: &str, value: f64) -> Result<f64> {
-    if (1.0 / LARGEST_MAGNITUDE..=LARGEST_MAGNITUDE).contains(&value) {
+    let (least, most) = (limits::LEAST, limits::largest(key));
+    if (least..=most).contains(&value) {
         Ok(value)
     } else {
-        Err(Error::parameter(key, value, "a finite number above 0 (1e-30 to 1e30)"))
+        Err(Error::parameter(key, value, format!("a finite number above 0 ({least:e} to {most:e})")))
     }
 }
 
-/// `value` if it is not negative and of a size to compute with (0 or 1e-30 to 1e30), else an error that names `key`.
+/// `value` if it is not negative and 0 or of a size that `key` can have, else an error that names the key.
 pub fn non_negative(key: &str, value: f64) -> Result<f64> {
-    if value == 0.0 || (1.0 / LARGEST_MAGNITUDE..=LARGEST_MAGNITUDE).contains(&value) {
+    let (least, most) = (limits::LEAST, limits::largest(key));
+    if value == 0.0 || (least..=most).contains(&value) {
         Ok(value)
     } else {
-        Err(Error::parameter(key, value, "a finite number, at least 0 (if not 0, 1e-30 to 1e30)"))
+        Err(Error::parameter(key, value, format!("a finite number, at least 0 (if not 0, {least:e} to {most:e})")))
     }
 }
 
-/// `value` if it is of a size to compute with (at most 1e30), else an error that names `key`.
-pub fn finite(key: &str, value: f64) -> Result<f64> {
-    if value.abs() <= LARGEST_MAGNITUDE {
+/// `value` if it is other than 0 and of a size that `key` can have, with either sign, else an error that names the key.
+pub fn non_zero(key: &str, value: f64) -> Result<f64> {
+    let (least, most) = (limits::LEAST, limits::largest(key));
+    if (least..=most).contains(&value.abs()) {
         Ok(value)
     } else {
-        Err(Error::parameter(key, value, "a finite number (at most 1e30)"))
+        Err(Error::parameter(key, value, format!("a finite number other than 0 ({least:e} to {most:e} in size)")))
+    }
+}
+
+/// `value` if it is of a size that `key` can have, with either sign, else an error that names the key.
+pub fn finite(key: &str, value: f64) -> Result<f64> {
+    at_most(key, value, limits::largest(key))
+}
+
+/// `value` if it is a coordinate in the world, metres, that can be computed with, else an error that names `key`.
+pub fn coordinate(key: &str, value: f64) -> Result<f64> {
+    at_most(key, value, limits::FARTHEST_M)
+}
+
+fn at_most(key: &str, value: f64, most: f64) -> Result<f64> {
+    if value.abs() <= most {
+        Ok(value)
+    } else {
+        Err(Error::parameter(key, value, format!("a finite number (at most {most:e} in size)")))
     }
 }
 

@@ -15,6 +15,7 @@ pub mod filter;
 pub mod gaussian;
 pub mod geometry;
 pub mod landmark;
+pub mod limits;
 pub mod math;
 pub mod measurement;
 pub mod motion;

@@ -3,6 +3,7 @@
 use crate::error::{Error, Result};
 use crate::filter::Sighting;
 use crate::geometry::{is_covariance3, Matrix3};
+use crate::limits::LARGEST_RATE;
 use crate::motion::{ControlTiming, RowPart};
 
 /// A log as the filter reads it. All stamps in seconds.
@@ -37,7 +38,7 @@ impl LogData {
             return Err(Error::Input("the log is empty: neither controls nor sightings".into()));
         }
         if let Some(i) = self.controls.iter().position(|c| Error::check_control(*c, 0.0).is_err()) {
-            let (control, most) = (self.controls[i], Error::LARGEST_CONTROL);
+            let (control, most) = (self.controls[i], LARGEST_RATE);
             return Err(Error::Input(format!("control {i} is {control:?}: expected finite numbers, at most {most:e}")));
         }
         self.check_covariances()?;

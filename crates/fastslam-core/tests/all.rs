@@ -11,6 +11,7 @@ mod blind;
 mod ekf_linear_world;
 mod ekf_textbook;
 mod existence;
+mod fuzz;
 mod golden;
 mod life_cycle;
 mod linear_world;

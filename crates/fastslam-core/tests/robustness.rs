@@ -4,12 +4,15 @@ use fastslam_core::association::Appearance;
 use fastslam_core::config::{
     Algorithm, Classes, Config, ExistenceForm, Merging, MergingRule, Method, Removal, Signatures,
 };
+use fastslam_core::ekf_slam::EkfSlam;
 use fastslam_core::error::Error;
 use fastslam_core::filter::{FastSlam, Identities, Sighting, Skipped};
 use fastslam_core::geometry::{Pose, Symmetric2};
+use fastslam_core::math::wrap_angle;
 use fastslam_core::measurement::{MeasurementModel, RangeBearing};
-use fastslam_core::motion::{Motion, Velocity};
+use fastslam_core::motion::{Increments, Motion, Velocity};
 use fastslam_core::real::Real;
+use fastslam_core::slam;
 use fastslam_core::store::StoreKind;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -248,6 +251,159 @@ fn when_no_particle_can_explain_a_sighting_the_step_is_named_and_the_filter_goes
     assert_eq!(failures, 12);
 }
 
+/// Landmarks on a spiral around a robot that moves on.
+fn spiral(landmarks: u32, step: u32) -> Vec<Sighting> {
+    let seen = |k: u32| labelled(4.0 + 0.7 * f64::from(k) - 0.01 * f64::from(step), wrap_angle(2.4 * f64::from(k)), k);
+    (0..landmarks).map(seen).collect()
+}
+
+#[test]
+fn a_scan_that_fails_leaves_ekf_slam_as_it_was_to_the_last_bit() {
+    let mut failures = 0;
+    // Sixteen corrections fill the list of those that wait: none, some and several times as many in one scan.
+    for landmarks in [1, 3, 5, 16, 20, 45] {
+        let filter = || {
+            let config = config(Algorithm::Ekf);
+            let sound = config.sensor.range_bearing();
+            EkfSlam::with_model(config, Identities::All, Broken { sound, error_m: f64::NAN }).unwrap()
+        };
+        let (mut failing, mut untouched) = (filter(), filter());
+        for step in 0..12 {
+            for filter in [&mut failing, &mut untouched] {
+                filter.predict([0.1, 0.01, 0.0], 0.1).unwrap();
+            }
+            // New landmarks, known ones, a new one again, and at last what makes the pose no number.
+            let mut wild = spiral(landmarks + 3, step);
+            wild.push(labelled(5.0, 0.2, landmarks + 1));
+            wild.push(labelled(60.0, 0.3, 0));
+            let error = failing.update(f64::from(step), &wild).unwrap_err();
+            assert!(matches!(error, Error::NotFinite { .. } | Error::NotPositiveDefinite { .. }), "{error}");
+            failures += 1;
+            for _ in 0..2 {
+                assert_eq!(failing.predicted_pose(), untouched.predicted_pose());
+                assert_eq!(failing.joint_covariance(), untouched.joint_covariance());
+                assert_eq!((failing.map(), failing.trail()), (untouched.map(), untouched.trail()));
+                assert_eq!(failing.noise_report(), untouched.noise_report());
+                let infos = [&mut failing, &mut untouched]
+                    .map(|filter| filter.update(f64::from(step), &spiral(landmarks, step)).unwrap());
+                assert_eq!(infos[0], infos[1]);
+            }
+        }
+    }
+    assert_eq!(failures, 72);
+}
+
+/// Landmarks far away, at first as good as without a bearing and then exact: their covariances are rounding.
+fn far_and_exact(first: u32) -> impl Iterator<Item = Sighting> {
+    (first..first + 10).flat_map(|k| {
+        [1.0, 1e-22].map(|yy| Sighting {
+            noise: Some(Symmetric2::new(1e-22, 0.0, yy)),
+            ..labelled(90.0, wrap_angle(0.7 * f64::from(k)), 100 + k)
+        })
+    })
+}
+
+/// What can be asked of a filter.
+fn told(filter: &mut FastSlam) -> String {
+    let particles = filter.particles();
+    let poses = [particles.x.clone(), particles.y.clone(), particles.heading.clone(), particles.log_weight.clone()];
+    let (predicted, map) = (filter.predicted_pose(), filter.map());
+    let kept = (filter.weights().to_vec(), filter.best_path(), filter.noise_report(), filter.two_places());
+    // As text, in which a logarithm that is none equals itself.
+    format!("{:?}", (poses, predicted, map, kept))
+}
+
+#[test]
+fn a_scan_that_fails_leaves_the_filter_as_it_was_to_the_last_bit() {
+    let mut failures = 0;
+    for (algorithm, identities) in
+        ALGORITHMS.into_iter().flat_map(|a| [Identities::All, Identities::Some].map(|i| (a, i)))
+    {
+        for store in [StoreKind::Dense, StoreKind::Tree, StoreKind::Lineage] {
+            let mut config = config(algorithm);
+            (config.filter.store, config.filter.particles) = (store, 2);
+            config.association.signatures = Some(Signatures::default());
+            let filter = || FastSlam::new(config.clone(), identities).unwrap();
+            let (mut failing, mut untouched) = (filter(), filter());
+            for step in 0..8 {
+                for filter in [&mut failing, &mut untouched] {
+                    filter.predict([0.1, 0.01, 0.0], 0.1).unwrap();
+                }
+                // New landmarks, known ones, one twice, and what three doubles cannot hold.
+                let mut wild = spiral(5, step);
+                wild.push(labelled(5.0, 0.2, 1));
+                wild.iter_mut().for_each(|s| s.appearance.signature = Some(0.5));
+                wild.extend(far_and_exact(10 * step));
+                let result = failing.update(f64::from(step), &wild);
+                if let Err(error) = result {
+                    assert!(matches!(error, Error::NotFinite { .. } | Error::AllWeightsZero { .. }), "{error}");
+                    failures += 1;
+                    assert_eq!(told(&mut failing), told(&mut untouched), "{algorithm:?} {identities:?} {store:?}");
+                } else {
+                    untouched.update(f64::from(step), &wild).unwrap();
+                }
+                let infos = [&mut failing, &mut untouched]
+                    .map(|filter| filter.update(f64::from(step), &spiral(4, step)).unwrap());
+                assert_eq!(infos[0], infos[1]);
+                assert_eq!(told(&mut failing), told(&mut untouched), "{algorithm:?} {identities:?} {store:?}");
+            }
+        }
+    }
+    assert!(failures >= 60, "{failures}");
+}
+
+#[test]
+fn a_landmark_at_the_sensor_itself_says_nothing_and_spoils_nothing() {
+    for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2, Algorithm::Ekf] {
+        for identities in IDENTITIES {
+            let mut config = config(algorithm);
+            (config.filter.particles, config.motion) = (1, Motion::Increments(Increments::default()));
+            if let Motion::Increments(motion) = &mut config.motion {
+                motion.x_std_m = 1e-12;
+            }
+            let mut filter = slam::create(config, identities).unwrap();
+            filter.update(0.0, &[labelled(1.0, 0.0, 1)]).unwrap();
+            filter.predict([1.0, 0.0, 0.0], 1.0).unwrap();
+            let info = filter.update(1.0, &[labelled(0.1, 0.4, 1)]).unwrap();
+            assert!(info.log_likelihood.is_finite(), "{algorithm:?} {identities:?}");
+            let map = filter.map().landmarks;
+            assert!(map.iter().all(|l| l.mean[0].is_finite() && l.covariance.is_positive_definite()), "{map:?}");
+        }
+    }
+}
+
+#[test]
+fn lengths_that_no_robot_has_are_refused_by_name() {
+    type Limit = (&'static str, fn(&mut Config, f64), f64);
+    let limits: [Limit; 6] = [
+        ("sensor.mounting.x_m", |config, value| config.sensor.mounting.x_m = value, 1e6),
+        ("sensor.max_range_m", |config, value| config.sensor.max_range_m = value, 1e6),
+        ("sensor.bearing_std_rad", |config, value| config.sensor.bearing_std_rad = value, 1e3),
+        ("initial_pose.y_m", |config, value| config.initial_pose.y_m = value, 1e8),
+        ("filter.path_period_s", |config, value| config.filter.path_period_s = value, 1e9),
+        ("health.largest_innovation_ratio", |config, value| config.health.largest_innovation_ratio = value, 1e12),
+    ];
+    for (key, set, most) in limits {
+        for (value, is_refused) in [(most, false), (1.001 * most, true), (f64::NAN, true)] {
+            let mut config = config(Algorithm::Fastslam2);
+            set(&mut config, value);
+            let error = config.validate().err().map(|error| error.to_string()).unwrap_or_default();
+            assert_eq!(error.starts_with(&format!("{key}: got ")), is_refused, "{key} {value}: {error}");
+        }
+    }
+}
+
+#[test]
+fn a_covariance_too_large_or_small_to_compute_with_is_none() {
+    for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2, Algorithm::Ekf] {
+        let mut filter = slam::create(config(algorithm), Identities::All).unwrap();
+        let with = |xx, yy| Sighting { noise: Some(Symmetric2::new(xx, 0.0, yy)), ..labelled(4.0, 0.1, 1) };
+        let scan = [with(1e300, 0.01), with(0.01, 1.1e12), with(0.9e-24, 0.01), with(0.01, 0.01)];
+        let info = filter.update(0.0, &scan).unwrap();
+        assert_eq!((info.sightings, info.skipped.bad_covariance), (1, 3), "{algorithm:?}");
+    }
+}
+
 #[test]
 fn a_control_that_no_robot_follows_leaves_the_filter_as_it_was() {
     let mut refused = 0;
@@ -446,17 +602,22 @@ proptest! {
         association.merging = Merging { rule: MergingRule::Nearby, tolerance_std_m: 0.5, ..Merging::default() };
         (association.existence.form, association.existence.removal) = (form, removal);
         let mut filter = FastSlam::new(config, identities).unwrap();
-        for (step, (speed, yaw_rate, scan)) in log.iter().enumerate() {
+        let mut taken = 0;
+        for (at, (speed, yaw_rate, scan)) in log.iter().enumerate() {
             let mut scan = scan.clone();
             for (sighting, (class, signature)) in scan.iter_mut().zip(&looks) {
                 sighting.appearance = Appearance { class: *class, signature: Some(*signature) };
             }
             filter.predict([*speed, *yaw_rate, 0.0], 0.2).unwrap();
-            match filter.update(step as f64, &scan) {
-                Ok(info) => prop_assert!(info.log_likelihood.is_finite(), "{}", info.log_likelihood),
+            match filter.update(at as f64, &scan) {
+                Ok(info) => {
+                    prop_assert!(info.log_likelihood.is_finite(), "{}", info.log_likelihood);
+                    taken += 1;
+                }
                 Err(error) => {
-                    prop_assert_eq!(error, Error::AllWeightsZero { step: step as u64 });
-                    break;
+                    let named =
+                        matches!(error, Error::AllWeightsZero { step } | Error::NotFinite { step, .. } if step == taken);
+                    prop_assert!(named, "{error}");
                 }
             }
             prop_assert_eq!(check_finite(&mut filter), Ok(()));

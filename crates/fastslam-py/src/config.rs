@@ -2,7 +2,9 @@
 
 use crate::settings::{from_json, schema_of, to_json, to_python};
 use fastslam_core::config::Config;
+use fastslam_core::limits::{BY_UNIT, FARTHEST_M, LARGEST_STATE, LEAST};
 use pyo3::prelude::*;
+use std::collections::BTreeMap;
 
 /// Parses and validates a configuration; the message of an error starts with the dotted key.
 pub fn parse(json: &str) -> PyResult<Config> {
@@ -19,6 +21,14 @@ pub fn resolve_config(json: &str) -> PyResult<String> {
 #[pyfunction]
 pub fn config_schema() -> PyResult<String> {
     schema_of::<Config>()
+}
+
+/// The largest size of a setting by the unit that ends its key, that of coordinates in the world (`position`), the least of
+/// what is not zero (`least`), and the largest of any number of a state (`state`).
+#[pyfunction]
+pub fn limits() -> BTreeMap<&'static str, f64> {
+    let others = [("position", FARTHEST_M), ("least", LEAST), ("state", LARGEST_STATE)];
+    BY_UNIT.into_iter().chain(others).collect()
 }
 
 #[pyfunction]

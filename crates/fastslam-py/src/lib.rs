@@ -21,6 +21,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(config::resolve_config, module)?)?;
     module.add_function(wrap_pyfunction!(config::config_schema, module)?)?;
     module.add_function(wrap_pyfunction!(config::control_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(config::limits, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
     module.add_function(wrap_pyfunction!(step::step_fields, module)?)?;
     module.add_class::<filter::Filter>()?;

@@ -1,7 +1,7 @@
 //! Checks of the settings of a simulation.
 
 use crate::config::{Cones, LaserConfig, Orchard, ScanConfig, SimulationConfig, Trajectory, VehicleConfig, World};
-use fastslam_core::error::{finite, non_negative, positive, Error, Result};
+use fastslam_core::error::{coordinate, finite, non_negative, positive, Error, Result};
 
 /// More than this does not fit into the memory of the machines that this is for.
 const MOST_LANDMARKS: u32 = 50_000_000;
@@ -10,8 +10,8 @@ impl SimulationConfig {
     /// Errors that name the first setting out of range.
     pub fn validate(&self) -> Result<()> {
         if let Some(start) = self.start {
-            finite("start.x_m", start.x_m)?;
-            finite("start.y_m", start.y_m)?;
+            coordinate("start.x_m", start.x_m)?;
+            coordinate("start.y_m", start.y_m)?;
             finite("start.heading_rad", start.heading_rad)?;
         }
         self.world.validate().map_err(|e| e.within("world"))?;
@@ -205,10 +205,6 @@ fn points(key: &str, points: &[[f64; 2]], at_least: usize) -> Result<()> {
     if points.len() < at_least {
         return Err(Error::parameter(key, format!("{} points", points.len()), format!("at least {at_least}")));
     }
-    match points.iter().position(|p| !(p[0].is_finite() && p[1].is_finite())) {
-        Some(index) => {
-            Err(Error::parameter(format!("{key}.{index}"), format!("{:?}", points[index]), "finite numbers"))
-        }
-        None => Ok(()),
-    }
+    let coordinates = points.iter().enumerate().flat_map(|(index, point)| point.map(|value| (index, value)));
+    coordinates.into_iter().try_for_each(|(index, value)| coordinate(&format!("{key}.{index}"), value).map(drop))
 }

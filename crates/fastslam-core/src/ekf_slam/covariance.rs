@@ -11,6 +11,8 @@ use serde::{Deserialize, Serialize};
 /// Rows and columns of a tile.
 pub const TILE: usize = 8;
 const AREA: usize = TILE * TILE;
+/// Rows of the pose.
+const POSE: usize = 3;
 /// Vectors that are kept before they are subtracted. Reading a column costs this many times its length.
 const MOST_PENDING: usize = 32;
 
@@ -26,6 +28,24 @@ pub struct Covariance {
     /// Element a of block I of vector c at (I · MOST_PENDING + c) · TILE + a.
     vectors: Vec<f64>,
     pending: usize,
+    /// No part of the matrix: of no use between two scans.
+    #[serde(skip)]
+    before: Before,
+}
+
+/// What takes a matrix back to where it was: the parts that are changed in place, and the tiles and vectors of before
+/// the first subtraction since then.
+#[derive(Clone, Debug, Default)]
+struct Before {
+    blocks: usize,
+    pending: usize,
+    /// The numbers of the pose in the first tile of each row of tiles.
+    pose: Vec<f64>,
+    first_tile: Vec<f64>,
+    first_vectors: Vec<f64>,
+    tiles: Vec<f64>,
+    vectors: Vec<f64>,
+    is_subtracted: bool,
 }
 
 /// A 2 × n matrix H that is zero but in five columns.
@@ -43,12 +63,53 @@ pub type VectorPair = Vec<f64>;
 impl Covariance {
     /// Zero, with room for the pose.
     pub fn new() -> Self {
-        Self { blocks: 1, tiles: vec![0.0; AREA], vectors: vec![0.0; MOST_PENDING * TILE], pending: 0 }
+        let (tiles, vectors) = (vec![0.0; AREA], vec![0.0; MOST_PENDING * TILE]);
+        Self { blocks: 1, tiles, vectors, pending: 0, before: Before::default() }
     }
 
-    /// Numbers held, in bytes.
+    /// Numbers held, those of the state to go back to among them, in bytes.
     pub fn bytes(&self) -> usize {
-        (self.tiles.len() + self.vectors.len()) * size_of::<f64>()
+        let Before { pose, tiles, vectors, .. } = &self.before;
+        (self.tiles.len() + self.vectors.len() + pose.len() + tiles.len() + vectors.len()) * size_of::<f64>()
+    }
+
+    /// Takes note of the matrix as it is, for [`Covariance::go_back`]. Costs as much as a few of its rows.
+    pub fn remember(&mut self) {
+        let Self { blocks, tiles, vectors, pending, before } = self;
+        (before.blocks, before.pending, before.is_subtracted) = (*blocks, *pending, false);
+        before.pose.clear();
+        for block in 0..*blocks {
+            let first = block * (block + 1) / 2 * AREA;
+            before.pose.extend(tiles[first..first + AREA].chunks_exact(TILE).flat_map(|row| &row[..POSE]));
+        }
+        before.first_tile.clear();
+        before.first_tile.extend_from_slice(&tiles[..AREA]);
+        before.first_vectors.clear();
+        before.first_vectors.extend_from_slice(&vectors[..MOST_PENDING * TILE]);
+    }
+
+    /// Makes the matrix, to the last bit, what it was when it was last remembered; it had `rows` rows in use then.
+    pub fn go_back(&mut self, rows: usize) {
+        let Self { blocks, tiles, vectors, pending, before } = self;
+        if before.is_subtracted {
+            std::mem::swap(tiles, &mut before.tiles);
+            std::mem::swap(vectors, &mut before.vectors);
+            before.is_subtracted = false;
+        }
+        (*blocks, *pending) = (before.blocks, before.pending);
+        tiles.truncate(*blocks * (*blocks + 1) / 2 * AREA);
+        vectors.truncate(*blocks * MOST_PENDING * TILE);
+        for (block, kept) in before.pose.chunks_exact(POSE * TILE).enumerate() {
+            let first = block * (block + 1) / 2 * AREA;
+            for (row, kept) in tiles[first..first + AREA].chunks_exact_mut(TILE).zip(kept.chunks_exact(POSE)) {
+                row[..POSE].copy_from_slice(kept);
+            }
+        }
+        tiles[..AREA].copy_from_slice(&before.first_tile);
+        vectors[..MOST_PENDING * TILE].copy_from_slice(&before.first_vectors);
+        for row in rows..self.blocks * TILE {
+            (0..self.blocks * TILE).for_each(|column| self.set(row, column, 0.0));
+        }
     }
 
     /// Grows by rows and columns of zeros until there are at least `rows`.
@@ -138,11 +199,27 @@ impl Covariance {
         }
         self.pending += 2;
         if self.pending == MOST_PENDING {
-            let (tiles, vectors) = (&mut self.tiles, &self.vectors);
-            vectorized(|| subtract_all(tiles, vectors));
-            self.vectors.fill(0.0);
-            self.pending = 0;
+            self.subtract_pending();
         }
+    }
+
+    /// T ← T − W Wᵀ. The first time since the matrix was remembered, its tiles and vectors are kept.
+    fn subtract_pending(&mut self) {
+        let Self { tiles, vectors, before, .. } = self;
+        if before.is_subtracted {
+            vectorized(|| subtract_all(tiles, vectors));
+            vectors.fill(0.0);
+        } else {
+            before.tiles.resize(tiles.len(), 0.0);
+            let kept = &mut before.tiles;
+            vectorized(|| subtract_all_into(kept, tiles, vectors));
+            std::mem::swap(tiles, kept);
+            before.vectors.clear();
+            before.vectors.resize(vectors.len(), 0.0);
+            std::mem::swap(vectors, &mut before.vectors);
+            before.is_subtracted = true;
+        }
+        self.pending = 0;
     }
 
     /// The pose s becomes f(s) + noise: rows and columns of the pose times F = ∂f/∂s, plus the noise's covariance.
@@ -224,15 +301,34 @@ fn subtract_all(tiles: &mut [f64], vectors: &[f64]) {
     for (block, left) in vectors.chunks_exact(length).enumerate() {
         for right in vectors.chunks_exact(length).take(block + 1) {
             let Some(tile) = tiles.next() else { return };
-            let mut sum: [f64; AREA] = std::array::from_fn(|i| tile[i]);
-            for (l, r) in left.chunks_exact(TILE).zip(right.chunks_exact(TILE)) {
-                for a in 0..TILE {
-                    for b in 0..TILE {
-                        sum[a * TILE + b] -= l[a] * r[b];
-                    }
-                }
-            }
-            tile.copy_from_slice(&sum);
+            tile.copy_from_slice(&subtracted(tile, left, right));
         }
     }
+}
+
+/// The same into other tiles.
+#[inline(always)]
+fn subtract_all_into(into: &mut [f64], tiles: &[f64], vectors: &[f64]) {
+    let length = MOST_PENDING * TILE;
+    let mut tiles = tiles.chunks_exact(AREA).zip(into.chunks_exact_mut(AREA));
+    for (block, left) in vectors.chunks_exact(length).enumerate() {
+        for right in vectors.chunks_exact(length).take(block + 1) {
+            let Some((tile, into)) = tiles.next() else { return };
+            into.copy_from_slice(&subtracted(tile, left, right));
+        }
+    }
+}
+
+/// One tile of T − W Wᵀ.
+#[inline(always)]
+fn subtracted(tile: &[f64], left: &[f64], right: &[f64]) -> [f64; AREA] {
+    let mut sum: [f64; AREA] = std::array::from_fn(|i| tile[i]);
+    for (l, r) in left.chunks_exact(TILE).zip(right.chunks_exact(TILE)) {
+        for a in 0..TILE {
+            for b in 0..TILE {
+                sum[a * TILE + b] -= l[a] * r[b];
+            }
+        }
+    }
+    sum
 }

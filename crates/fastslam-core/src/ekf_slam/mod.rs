@@ -6,6 +6,7 @@
 mod associate;
 pub mod covariance;
 mod snapshot;
+mod undo;
 
 use crate::association::{by_robot_pose, Appearance, Rules, ScanSighting};
 use crate::config::Config;
@@ -17,6 +18,7 @@ use crate::error::{Error, Result};
 use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Sighting, StepInfo};
 use crate::geometry::{transform3, Matrix3, Pose, Symmetric2};
 use crate::landmark::{fit_with_tail, Fit, Measured};
+use crate::limits::LARGEST_STATE;
 use crate::math::wrap_angle;
 use crate::measurement::{MeasurementModel, RangeBearing};
 use crate::motion::{MotionGaussian, RowPart};
@@ -28,6 +30,8 @@ use serde::{Deserialize, Serialize};
 
 /// Row of the first landmark in the state; the pose has three rows and one that is always zero.
 const FIRST_LANDMARK: usize = 4;
+/// So much below zero may rounding leave the variance of a pose that is certain (square metres or radians).
+const LARGEST_ROUNDING: f64 = 1e-12;
 
 /// What is known of a landmark besides its Gaussian.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -72,6 +76,17 @@ pub struct EkfSlam<M = RangeBearing> {
     watch: Watch,
     /// What the sliding window said of the noise when it was last looked at.
     noise_report: NoiseReport,
+    /// Sightings of known landmarks in this scan.
+    seen_again: Vec<SeenAgain>,
+    before: undo::Before,
+}
+
+/// A sighting of a known landmark: as measured, and how it fitted.
+struct SeenAgain {
+    value: [f64; 2],
+    index: u32,
+    innovation: [f64; 2],
+    s: Symmetric2,
 }
 
 /// A landmark as the state sees it: innovation, its derivative by the state, and its covariance.
@@ -111,6 +126,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
             gain: VectorPair::new(),
             watch: Watch::new(config.health, FieldOfView::of(&config)),
             noise_report: NoiseReport::default(),
+            seen_again: Vec::new(),
+            before: undo::Before::default(),
             model,
             config,
         })
@@ -137,13 +154,18 @@ impl<M: MeasurementModel> EkfSlam<M> {
 
     /// Processes all sightings of one stamp (there may be none).
     ///
-    /// **Errors:** [`Error::NotPositiveDefinite`] and [`Error::NotFinite`] when rounding has spoilt the state.
+    /// **Errors:** [`Error::NotPositiveDefinite`] and [`Error::NotFinite`] when rounding would spoil the state, which then
+    /// is as it was before the scan, to the last bit.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        self.remember();
+        self.take_in(stamp_s, sightings).inspect_err(|_| self.go_back())
+    }
+
+    fn take_in(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         let mut info = StepInfo { step: self.steps, effective_sample_size: 1.0, sampled: true, ..StepInfo::default() };
         let mut scan: Vec<_> =
             usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped).collect();
         info.sightings = scan.len() as u32;
-        self.watch.begin(stamp_s, info.sightings);
         self.move_pose();
         if self.identities == Identities::All {
             self.doubt_names(&mut scan, &mut info);
@@ -165,9 +187,9 @@ impl<M: MeasurementModel> EkfSlam<M> {
                 }
             }
         }
-        if !self.pose.is_finite() {
-            return Err(Error::NotFinite { step: self.steps, what: "the pose" });
-        }
+        self.check_state(&info)?;
+        self.watch.begin(stamp_s, info.sightings);
+        self.note_fits();
         info.landmarks = self.landmarks.len() as u32;
         self.judge_health(stamp_s, &mut info);
         self.trail.push((stamp_s, self.pose));
@@ -175,15 +197,39 @@ impl<M: MeasurementModel> EkfSlam<M> {
         Ok(info)
     }
 
-    /// Takes note of a sighting of a known landmark. Of the noises together, as the joint state does not keep them apart.
-    fn examine(&mut self, index: u32, view: &View, sighting: &ScanSighting) {
-        self.watch.matched(std::iter::once((sighting.measured.value, u64::from(index))), 0);
-        let mut scan = PredictedScan { size: 2, ..PredictedScan::default() };
-        scan.innovation[..2].copy_from_slice(&view.innovation);
-        let Symmetric2 { xx, xy, yy } = view.s;
-        scan.covariance[0][..2].copy_from_slice(&[xx, xy]);
-        scan.covariance[1][..2].copy_from_slice(&[xy, yy]);
-        self.watch.noise.add(&scan);
+    /// Errors unless the pose and the evidence are numbers and every landmark is one and has a variance.
+    fn check_state(&self, info: &StepInfo) -> Result<()> {
+        let is_number = |value: &f64| value.abs() <= LARGEST_STATE;
+        for (what, sound) in [
+            ("the pose", self.pose.to_array().iter().all(is_number)),
+            ("a landmark", self.mean.iter().all(is_number)),
+            ("the likelihood", info.log_likelihood.is_finite()),
+        ] {
+            if !sound {
+                return Err(Error::NotFinite { step: self.steps, what });
+            }
+        }
+        let variance = |row: usize| self.covariance.get(row, row);
+        let sound = (0..3).all(|row| (-LARGEST_ROUNDING..=LARGEST_STATE).contains(&variance(row)))
+            && (FIRST_LANDMARK..FIRST_LANDMARK + 2 * self.landmarks.len())
+                .all(|row| variance(row) > 0.0 && variance(row) <= LARGEST_STATE);
+        match sound {
+            true => Ok(()),
+            false => Err(Error::NotPositiveDefinite { step: self.steps, what: "the joint covariance" }),
+        }
+    }
+
+    /// Gives the watch the sightings of known landmarks. Of the noises together, as the joint state does not keep them
+    /// apart.
+    fn note_fits(&mut self) {
+        for SeenAgain { value, index, innovation, s } in self.seen_again.drain(..) {
+            self.watch.matched(std::iter::once((value, u64::from(index))), 0);
+            let mut scan = PredictedScan { size: 2, ..PredictedScan::default() };
+            scan.innovation[..2].copy_from_slice(&innovation);
+            scan.covariance[0][..2].copy_from_slice(&[s.xx, s.xy]);
+            scan.covariance[1][..2].copy_from_slice(&[s.xy, s.yy]);
+            self.watch.noise.add(&scan);
+        }
     }
 
     /// Gives the verdict on a step.
@@ -335,7 +381,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let measured = &sighting.measured;
         let view = self.view(index, measured);
         let fit = fit_with_tail(view.innovation, view.s, measured.tail);
-        self.examine(index, &view, sighting);
+        self.seen_again.push(SeenAgain { value: measured.value, index, innovation: view.innovation, s: view.s });
         let more = measured.noise.scaled(measured.tail.noise_scale(fit.mahalanobis_squared) - 1.0);
         let s = Symmetric2::new(view.s.xx + more.xx, view.s.xy + more.xy, view.s.yy + more.yy);
         if !s.is_positive_definite() {

@@ -12,6 +12,7 @@ mod landmarks;
 mod merger;
 mod merging;
 mod names;
+mod ordinary;
 mod particles;
 mod rejuvenation;
 mod scan;
@@ -33,8 +34,9 @@ use crate::association::Rules;
 use crate::config::{Algorithm, Config};
 use crate::diagnosis::health::Vitals;
 use crate::diagnosis::{NoiseReport, TwoPlaces};
-use crate::error::{Error, Result, LARGEST_MAGNITUDE};
+use crate::error::{Error, Result};
 use crate::geometry::Pose;
+use crate::limits::LARGEST_STATE;
 use crate::measurement::{MeasurementModel, RangeBearing};
 use crate::motion::{MotionByNoise, MotionGaussian, PoseColumns, RowPart};
 use crate::path::PathForest;
@@ -170,28 +172,36 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Processes all sightings of one stamp (there may be none).
     ///
-    /// **Errors:** [`Error::Input`] for a class beyond those configured; the filter is then as it was.
-    /// [`Error::AllWeightsZero`] when no particle can explain the sightings: then all particles count the same from
-    /// here, landmarks at no place that can be computed with are gone, the step does not count and is no part of the path, and the
-    /// filter can go on.
+    /// **Errors:** [`Error::Input`] for a class beyond those configured; [`Error::AllWeightsZero`] when no particle can
+    /// explain the sightings; [`Error::NotFinite`] when the step would leave a number that is none. The filter is then
+    /// as it was before the scan, and can go on. Only after numbers that are none from a measurement model of one's own
+    /// all particles count the same, and landmarks at no place that can be computed with are gone.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         self.settings.config.association.check_classes(sightings)?;
         let mut info = StepInfo { step: self.state.counters.steps, ..StepInfo::default() };
         let mut rounds = std::mem::take(&mut self.work.rounds);
         let used = self.fill_rounds(&mut rounds, sightings, &mut info.skipped);
+        let done = self.take_in(stamp_s, &mut rounds[..used], &mut info);
+        self.work.rounds = rounds;
+        done.map(|()| info)
+    }
+
+    /// Processes the scan, in rounds that see each identity once at most.
+    fn process_rounds(
+        &mut self,
+        stamp_s: f64,
+        rounds: &mut [Vec<scan::ScanSighting>],
+        info: &mut StepInfo,
+    ) -> Result<()> {
         if self.settings.identities == Identities::All {
-            rounds[..used].iter_mut().for_each(|round| self.doubt_names(round, &mut info));
+            rounds.iter_mut().for_each(|round| self.doubt_names(round, info));
         }
-        info.sightings = rounds[..used].iter().map(|round| round.len() as u32).sum();
+        info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
         self.state.watch.begin(stamp_s, info.sightings);
         let births_before = self.state.landmarks.births();
-        info.sampled = !self.keeps_motion_pending(&rounds[0]);
-        let done = rounds[..used].iter().try_for_each(|round| self.process(round, &mut info));
-        self.work.rounds = rounds;
-        if let Err(error) = done {
-            self.start_anew_with_weights();
-            return Err(error);
-        }
+        // The names of a whole round may have been doubted.
+        info.sampled = !rounds.iter().all(|round| self.keeps_motion_pending(round));
+        rounds.iter().try_for_each(|round| self.process(round, info))?;
         if info.sampled {
             let particles = &self.state.particles;
             self.state.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
@@ -202,12 +212,12 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
         }
         info.landmarks = self.state.particles.landmarks[self.state.particles.best()];
-        self.judge_health(stamp_s, births_before, &mut info);
+        self.judge_health(stamp_s, births_before, info);
         self.state.counters.steps += 1;
-        Ok(info)
+        Ok(())
     }
 
-    /// After a scan that left no particle any weight: what the scan did to weights is undone by forgetting them all, and
+    /// After a scan to which a measurement model of one's own left no particle any weight: what the scan did to weights is undone by forgetting them all, and
     /// what it did to maps by forgetting the landmarks that it made unusable.
     fn start_anew_with_weights(&mut self) {
         self.state.particles.log_weight.fill(0.0);
@@ -217,7 +227,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         for slot in self.state.landmarks.live_slots() {
             let holders: Vec<usize> =
                 (0..self.state.particles.len()).filter(|i| self.state.landmarks.read_row(slot, *i, &mut row)).collect();
-            if self.state.landmarks.read(slot).is_within(LARGEST_MAGNITUDE) {
+            if self.state.landmarks.read(slot).is_within(LARGEST_STATE) {
                 continue;
             }
             holders.into_iter().for_each(|i| self.state.particles.landmarks[i] -= 1);

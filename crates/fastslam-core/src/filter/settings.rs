@@ -1,6 +1,6 @@
 //! Particles, resampling and storage: the settings.
 
-use crate::error::{fraction, positive, Error, Result};
+use crate::error::{fraction, non_negative, positive, Error, Result};
 use crate::resampling::ResamplingScheme;
 use crate::store::StoreKind;
 use schemars::JsonSchema;
@@ -153,7 +153,7 @@ impl FilterConfig {
         fraction("rejuvenation.growth", self.rejuvenation.growth)?;
         fraction("rejuvenation.spread", self.rejuvenation.spread)?;
         let odds = self.rejuvenation.closing_odds;
-        if !(odds == 0.0 || odds >= 1.0 && odds.is_finite()) {
+        if non_negative("rejuvenation.closing_odds", odds)? < 1.0 && odds != 0.0 {
             return Err(Error::parameter("rejuvenation.closing_odds", odds, "0, or at least 1"));
         }
         if self.rejuvenation.window_steps == Some(0) {

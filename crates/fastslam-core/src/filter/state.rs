@@ -28,11 +28,22 @@ pub(super) struct State {
     pub motion_since_scan: MotionByNoise,
     pub counters: Counters,
     pub merger: Merger,
+    /// Whether the numbers so far are of ordinary size.
+    pub sizes: Sizes,
     /// Whether all this can be believed.
     pub watch: Watch,
     /// What the sliding window said of the noise when it was last looked at.
     pub noise_report: NoiseReport,
     pub estimate: PoseEstimate,
+}
+
+/// How large the numbers are that the steps so far have put into the state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct Sizes {
+    /// The largest variance of a place that was taken in, square metres.
+    pub coarsest_m2: f64,
+    /// Whether some step was not ordinary; its numbers are still there.
+    pub was_exceeded: bool,
 }
 
 /// How often something was done: numbers the random streams.
@@ -75,6 +86,7 @@ impl State {
             motion_since_scan: MotionByNoise::default(),
             counters: Counters::default(),
             merger: Merger::default(),
+            sizes: Sizes::default(),
             watch: Watch::new(config.health, View::of(config)),
             noise_report: NoiseReport::default(),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },

@@ -2,8 +2,16 @@
 
 use super::{Identities, Sighting, Skipped};
 use crate::association::ScanSighting;
+use crate::geometry::Symmetric2;
+use crate::limits::{LEAST, LONGEST_M};
 use crate::measurement::{MeasurementModel, Sensor};
 use crate::sighting::Measured;
+
+/// Whether a covariance is one, of a size that the sensor's own noise may have.
+fn can_be_computed_with(noise: Symmetric2) -> bool {
+    let sized = |variance: f64| (LEAST * LEAST..=LONGEST_M * LONGEST_M).contains(&variance);
+    sized(noise.xx) && sized(noise.yy) && noise.is_positive_definite()
+}
 
 /// The sightings that can be used, as measurements; the others are counted by reason.
 pub(crate) fn usable<'a, M: MeasurementModel>(
@@ -26,7 +34,7 @@ pub(crate) fn usable<'a, M: MeasurementModel>(
             skipped.too_far += 1;
         } else if identity.is_none() && identities == Identities::All {
             skipped.without_identity += 1;
-        } else if s.noise.is_some_and(|noise| !noise.is_positive_definite()) {
+        } else if s.noise.is_some_and(|noise| !can_be_computed_with(noise)) {
             skipped.bad_covariance += 1;
         } else {
             let noise = s.noise.unwrap_or(model.noise_covariance());

@@ -60,7 +60,8 @@ impl MeasurementModel for RangeBearing {
     fn linearize(&self, T_world_sensor: Pose, landmark_in_world: [f64; 2]) -> Linearization {
         let dx = landmark_in_world[0] - T_world_sensor.x;
         let dy = landmark_in_world[1] - T_world_sensor.y;
-        let q = dx * dx + dy * dy;
+        // A landmark at the sensor itself: nothing follows from the sighting, and nothing is divided by zero.
+        let q = dx * dx + dy * dy + f64::MIN_POSITIVE;
         let r = q.sqrt();
         let (ux, uy) = (dx / r, dy / r);
         let (vx, vy) = (-dy / q, dx / q);

@@ -1,9 +1,9 @@
 //! A car with wheel speed and steering angle.
 
 use super::gaussian::symmetrized;
-use super::settings::{gain, integrated, validate_period, variance_of};
+use super::settings::{integrated, validate_period, variance_of};
 use super::{ControlTiming, Correction, MotionModel, Proportional, RowMotion};
-use crate::error::{finite, non_negative, positive, Error, Result};
+use crate::error::{finite, non_negative, non_zero, positive, Error, Result};
 use crate::geometry::transform3;
 use crate::real::{Dual, Real};
 use schemars::JsonSchema;
@@ -109,7 +109,7 @@ impl MotionModel for Ackermann {
         finite("encoder_left_m", self.encoder_left_m)?;
         finite("sensor_ahead_m", self.sensor_ahead_m)?;
         finite("sensor_left_m", self.sensor_left_m)?;
-        gain("steering_gain", self.steering_gain)?;
+        non_zero("steering_gain", self.steering_gain)?;
         finite("steering_bias_rad", self.steering_bias_rad)?;
         self.correction.validate()?;
         self.proportional.validate()?;

@@ -2,8 +2,9 @@
 
 use super::part::RowPart;
 use super::PoseColumns;
-use crate::error::{Error, Result, LARGEST_MAGNITUDE};
+use crate::error::{Error, Result};
 use crate::geometry::{multiply3, transform3, Matrix3, Pose};
+use crate::limits::LARGEST_STATE;
 use crate::math;
 use crate::random::Stream;
 use crate::vector::vectorized;
@@ -53,7 +54,7 @@ impl MotionGaussian {
     /// This motion, or an error that names the control that made it too large to compute with.
     pub(crate) fn checked(self, part: &RowPart) -> Result<Self> {
         let numbers = self.mean.to_array().into_iter().chain(self.covariance.into_iter().flatten());
-        if numbers.into_iter().all(|v| v.abs() <= LARGEST_MAGNITUDE) {
+        if numbers.into_iter().all(|v| v.abs() <= LARGEST_STATE) {
             return Ok(self);
         }
         let RowPart { control, row_s, .. } = part;

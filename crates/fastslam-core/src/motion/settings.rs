@@ -1,6 +1,6 @@
 //! Settings that every motion model shares: systematic errors, and noise in proportion to the motion.
 
-use crate::error::{finite, non_negative, positive, Error, Result, LARGEST_MAGNITUDE};
+use crate::error::{finite, non_negative, non_zero, positive, Result};
 use crate::geometry::Matrix3;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -39,8 +39,8 @@ impl Correction {
     }
 
     pub(super) fn validate(&self) -> Result<()> {
-        gain("correction.distance_gain", self.distance_gain)?;
-        gain("correction.turn_gain", self.turn_gain)?;
+        non_zero("correction.distance_gain", self.distance_gain)?;
+        non_zero("correction.turn_gain", self.turn_gain)?;
         finite("correction.yaw_rate_bias_rad_per_s", self.yaw_rate_bias_rad_per_s).map(drop)
     }
 }
@@ -98,15 +98,6 @@ impl Proportional {
         } else {
             positive(key, value)
         }
-    }
-}
-
-/// `value` unless it is 0 or not finite.
-pub(super) fn gain(key: &str, value: f64) -> Result<f64> {
-    if (1.0 / LARGEST_MAGNITUDE..=LARGEST_MAGNITUDE).contains(&value.abs()) {
-        Ok(value)
-    } else {
-        Err(Error::parameter(key, value, "a finite number other than 0 (1e-30 to 1e30 in size)"))
     }
 }
 

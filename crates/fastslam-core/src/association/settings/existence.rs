@@ -88,7 +88,7 @@ impl ExistenceConfig {
         if self.lowest_log_odds >= self.initial_log_odds {
             return Err(Error::parameter("lowest_log_odds", self.lowest_log_odds, "less than initial_log_odds"));
         }
-        if !(self.highest_log_odds >= self.initial_log_odds && self.highest_log_odds.is_finite()) {
+        if finite("highest_log_odds", self.highest_log_odds)? < self.initial_log_odds {
             return Err(Error::parameter("highest_log_odds", self.highest_log_odds, "at least initial_log_odds"));
         }
         Ok(())

@@ -1,0 +1,44 @@
+//! A scan that fails half way leaves no trace.
+
+use super::{EkfSlam, Landmark, FIRST_LANDMARK};
+use crate::diagnosis::names::Names;
+use crate::geometry::Pose;
+use crate::measurement::MeasurementModel;
+use crate::motion::MotionGaussian;
+use rustc_hash::FxHashMap;
+
+/// What a scan may change, beside the covariance, as it was before.
+#[derive(Default)]
+pub(super) struct Before {
+    pose: Pose,
+    pending: MotionGaussian,
+    landmarks: Vec<Landmark>,
+    of_identity: FxHashMap<u32, u32>,
+    mean: Vec<f64>,
+    names: Names,
+}
+
+impl<M: MeasurementModel> EkfSlam<M> {
+    /// Takes note of the state, which costs as much as a few rows of the covariance.
+    pub(super) fn remember(&mut self) {
+        let before = &mut self.before;
+        (before.pose, before.pending) = (self.pose, self.pending);
+        before.landmarks.clone_from(&self.landmarks);
+        before.of_identity.clone_from(&self.of_identity);
+        before.mean.clone_from(&self.mean);
+        before.names.clone_from(&self.watch.names);
+        self.covariance.remember();
+    }
+
+    /// Makes the state what it was when it was last remembered.
+    pub(super) fn go_back(&mut self) {
+        let before = &mut self.before;
+        (self.pose, self.pending) = (before.pose, before.pending);
+        std::mem::swap(&mut self.landmarks, &mut before.landmarks);
+        std::mem::swap(&mut self.of_identity, &mut before.of_identity);
+        std::mem::swap(&mut self.mean, &mut before.mean);
+        std::mem::swap(&mut self.watch.names, &mut before.names);
+        self.seen_again.clear();
+        self.covariance.go_back(FIRST_LANDMARK + 2 * self.landmarks.len());
+    }
+}
