@@ -142,6 +142,23 @@ def test_sections_of_a_log_that_are_none(tmp_path: Path, yaml: str, says: str) -
         load(folder_with(tmp_path / "log", yaml=yaml))
 
 
+@pytest.mark.parametrize(
+    ("radius", "says"),
+    [
+        ("1.7e+308", r"log\.yaml:4: wheels\.radius_m: got 1\.7e\+308, expected a positive number \("),
+        ("1000", r"odometry\.csv: the row at [01] s makes a motion too large to compute with"),
+    ],
+)
+@pytest.mark.filterwarnings("error")
+def test_wheels_that_no_robot_has(tmp_path: Path, radius: str, says: str) -> None:
+    wheels = f"wheels: {{track_width_m: 1.0e-12, radius_m: {radius}, ticks_per_turn: 1.0e-5}}\n"
+    folder = folder_with(tmp_path / "log", yaml=YAML + wheels)
+    ticks = "stamp_s,left_ticks,right_ticks\n0,0,0\n1,1e300,0\n2,0,1e300\n3,1e300,0\n"
+    (folder / "odometry.csv").write_text(ticks)
+    with pytest.raises(DataError, match=says):
+        load(folder)
+
+
 def test_any_tag_of_a_matlab_file(tmp_path: Path) -> None:
     """SciPy takes types of elements at their word and reads beyond its tables: the process ended."""
     path = tmp_path / "one.mat"

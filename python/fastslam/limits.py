@@ -22,6 +22,12 @@ LARGEST_BEARING_RAD = 4.0 * math.pi
 DEGREES_HINT = "bearings beyond +-4 pi: expected radians, are these degrees?"
 
 
+def bounds_of(key: str) -> tuple[float, float]:
+    """The least (above 0) and the largest size of a setting by the unit that ends its key, as in the core."""
+    unit = max((unit for unit in OF_SETTINGS if key.endswith(unit)), key=len)
+    return OF_SETTINGS["least"], OF_SETTINGS[unit]
+
+
 def stamp_fault(stamp_s: float) -> str | None:
     """What is wrong with a stamp that cannot be in seconds, and the unit that it seems to have; else None."""
     if abs(stamp_s) < LARGEST_STAMP_S:

@@ -148,7 +148,12 @@ def odometry_of(table: CsvTable, *, model: str | None, wheels: Wheels) -> Odomet
     used = ("stamp_s", *form.columns, *(MOTION_COVARIANCE_COLUMNS if form.columns == _STEP else ()))
     unused = [table.written_as[name] for name in table.index_of if name not in used]
     notes = (*notes, *(f"{table.path.name}: column {name} is not used" for name in unused))
-    controls, problems = form.read(table, wheels, model)
+    with np.errstate(over="ignore", invalid="ignore"):
+        controls, problems = form.read(table, wheels, model)
+    beyond = np.flatnonzero(~np.isfinite(controls.values).all(axis=1))
+    if len(beyond):
+        stamp_s = controls.stamp_s[beyond[0]]
+        raise DataError(f"the row at {stamp_s:.15g} s makes a motion too large to compute with", table.path)
     return Odometry(controls, model, table.problems + problems, notes, dated=table.has_dates("stamp_s"))
 
 

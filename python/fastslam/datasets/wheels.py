@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import DataError
+from ..limits import bounds_of
 from ..log import Floats
 
 WRAP_TICKS = 2**15
@@ -69,8 +70,10 @@ def parse_wheels(section: Any, path: Path, line_of_key: Mapping[str, int]) -> Wh
         if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)):
             kind = "a whole number" if whole else "a number"
             raise DataError(f"wheels.{key}: got {value}, expected {kind}", path, line)
-        if not (0 < value < (65 if whole else np.inf)):
-            raise DataError(f"wheels.{key}: got {value}, expected a positive number", path, line)
+        least, most = (1, 64) if whole else bounds_of(key)
+        if not least <= value <= most:
+            expected = f"expected a positive number ({least:g} to {most:g})"
+            raise DataError(f"wheels.{key}: got {value}, {expected}", path, line)
     return Wheels(**section)
 
 
