@@ -49,6 +49,8 @@ fn filter(
 ) -> FastSlam {
     let mut config = Config { algorithm, seed: 1, ..Config::default() };
     config.filter.particles = m;
+    // The plain filter: what draws cost is measured elsewhere.
+    config.filter.rejuvenation.every_steps = Some(0);
     config.filter.store = store;
     config.filter.resampling.threshold = threshold;
     config.sensor.max_range_m = 1000.0;

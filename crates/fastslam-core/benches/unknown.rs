@@ -36,6 +36,8 @@ fn argument() -> Option<u32> {
 fn compare(algorithm: Algorithm, config: &Config, log: &LogData) {
     let mut config = Config { algorithm, seed: 1, ..config.clone() };
     config.filter.particles = PARTICLES;
+    // The plain filter: what draws cost is measured elsewhere.
+    config.filter.rejuvenation.every_steps = Some(0);
     let mut filters = [AssociationMode::Known, AssociationMode::Unknown].map(|mode| {
         config.association.mode = mode;
         FastSlam::new(config.clone(), Identities::All).expect("a valid configuration")

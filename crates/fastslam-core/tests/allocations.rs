@@ -46,6 +46,7 @@ struct Case {
 fn filter(case: Case) -> FastSlam {
     let Case { algorithm, identities, threshold, scheme, removal } = case;
     let mut config = Config { algorithm, seed: 2, ..Config::default() };
+    config.filter.rejuvenation.every_steps = Some(0);
     config.filter.resampling.scheme = scheme;
     config.association.existence.removal = removal;
     config.sensor.max_range_m = 9.0;

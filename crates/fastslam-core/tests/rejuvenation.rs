@@ -19,7 +19,7 @@ fn in_a_linear_world_the_draws_are_those_of_the_exact_posterior() {
         // The filter before it may be as poor as it likes.
         let particles = 20_000;
         let mut config = linear_world::config(algorithm, particles, 5);
-        config.filter.rejuvenation.every_steps = 1_000_000;
+        config.filter.rejuvenation.every_steps = Some(1_000_000);
         let mut filter = FastSlam::with_model(config, Identities::All, MODEL).unwrap();
         for (t, step) in steps.iter().enumerate() {
             if t > 0 {
@@ -100,7 +100,7 @@ fn a_long_loop_stays_consistent_where_the_plain_filter_does_not() {
         let mut by_quarter = vec![Vec::new(); 4];
         for seed in 0..7 {
             let (log, mut config, truth) = world("loop", seed, 120.0, fastslam_sim::Identities::All);
-            (config.filter.rejuvenation.every_steps, config.filter.rejuvenation.growth) = (every_steps, 0.02);
+            (config.filter.rejuvenation.every_steps, config.filter.rejuvenation.growth) = (Some(every_steps), 0.02);
             let nees = position_nees(&run(&config, &log, &mut Blind).unwrap(), &truth);
             for (quarter, values) in nees.chunks(nees.len().div_ceil(4)).enumerate() {
                 by_quarter[quarter].push(median(&mut values.to_vec()));
@@ -131,9 +131,9 @@ fn the_map_gets_better_also_without_identities() {
         let (mut plain, mut rejuvenated) = (Vec::new(), Vec::new());
         for seed in 0..5 {
             let (log, mut config, truth) = world("demo", seed, 60.0, identities);
-            config.filter.particles = 20;
+            (config.filter.particles, config.filter.rejuvenation.every_steps) = (20, Some(0));
             plain.push(map_rmse(&run(&config, &log, &mut Blind).unwrap(), &truth));
-            config.filter.rejuvenation.every_steps = 50;
+            config.filter.rejuvenation.every_steps = Some(50);
             rejuvenated.push(map_rmse(&run(&config, &log, &mut Blind).unwrap(), &truth));
         }
         let (plain, rejuvenated) = (median(&mut plain), median(&mut rejuvenated));
@@ -151,7 +151,7 @@ fn a_loop_that_the_associations_missed_is_closed() {
     for std in [&mut motion.x_std_m, &mut motion.y_std_m, &mut motion.heading_std_rad] {
         *std *= std::f64::consts::SQRT_2;
     }
-    (config.filter.particles, config.filter.rejuvenation.every_steps) = (30, 200);
+    (config.filter.particles, config.filter.rejuvenation.every_steps) = (30, Some(200));
     (config.filter.rejuvenation.growth, config.filter.rejuvenation.spread) = (0.1, 0.5);
     let landmarks = truth.landmarks.position_m.len();
     let merged = |output: &RunOutput| output.steps.iter().map(|step| step.info.merged).sum::<u32>();
@@ -181,7 +181,7 @@ fn neither_the_store_nor_the_number_of_threads_changes_a_bit() {
         for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
             let (log, mut config, _) = world("demo", 3, 15.0, identities);
             config.algorithm = algorithm;
-            (config.filter.particles, config.filter.rejuvenation.every_steps) = (20, 10);
+            (config.filter.particles, config.filter.rejuvenation.every_steps) = (20, Some(10));
             config.filter.store = StoreKind::Dense;
             let reference = run(&config, &log, &mut Blind).unwrap();
             assert!(reference.steps.iter().filter(|step| step.info.rejuvenated).count() >= 3);
@@ -200,7 +200,7 @@ fn neither_the_store_nor_the_number_of_threads_changes_a_bit() {
 #[test]
 fn poses_before_the_window_stand_still() {
     let (log, mut config, _) = world("demo", 1, 30.0, fastslam_sim::Identities::All);
-    (config.filter.particles, config.filter.rejuvenation.every_steps) = (20, 1_000_000);
+    (config.filter.particles, config.filter.rejuvenation.every_steps) = (20, Some(1_000_000));
     let window = 40;
     config.filter.rejuvenation.window_steps = Some(window);
     let mut filter = FastSlam::new(config.clone(), Identities::All).unwrap();
@@ -227,4 +227,51 @@ fn a_filter_that_was_not_asked_to_does_not_remember() {
     let mut filter = FastSlam::new(Config::default(), Identities::All).unwrap();
     filter.update(0.0, &[Sighting::range_bearing(3.0, 0.0, Some(1))]).unwrap();
     assert!(!filter.rejuvenate());
+}
+
+/// A field driven around twice with a sensor that looks ahead: the pose is off by more than the landmarks' spacing when
+/// the first ones come back.
+fn two_laps(seed: u64) -> (LogData, Config, SimulatedLog) {
+    let mut simulation = SimulationConfig::preset("loop").unwrap();
+    simulation.seed = seed;
+    if let fastslam_sim::Trajectory::Loop(round) = &mut simulation.trajectory {
+        round.laps = 2;
+    }
+    simulation.sensor.field_of_view_rad = 162_f64.to_radians();
+    simulation.scan.identities = fastslam_sim::Identities::None;
+    let simulated = simulate(&simulation).unwrap();
+    let mut config =
+        Config { seed, motion: simulated.motion.clone(), sensor: simulated.sensor.clone(), ..Config::default() };
+    let [x_m, y_m, heading_rad] = simulated.T_world_robot[0];
+    config.initial_pose = fastslam_core::config::InitialPose { x_m, y_m, heading_rad };
+    (simulated.log_data(), config, simulated)
+}
+
+#[test]
+fn with_plain_defaults_a_field_is_mapped_once() {
+    let (mut plain, mut drawn) = (Vec::new(), Vec::new());
+    for seed in 1..4 {
+        let (log, mut config, truth) = two_laps(seed);
+        let output = run(&config, &log, &mut Blind).unwrap();
+        let draws = output.steps.iter().filter(|step| step.info.rejuvenated).count();
+        let scans = output.steps.iter().filter(|step| step.info.sightings > 0).count();
+        assert!((2..scans / 20).contains(&draws), "{draws} draws in {scans} scans");
+        drawn.push((output.map.landmarks.len(), map_rmse(&output, &truth)));
+        config.filter.rejuvenation.every_steps = Some(0);
+        let output = run(&config, &log, &mut Blind).unwrap();
+        assert!(output.steps.iter().all(|step| !step.info.rejuvenated));
+        plain.push((output.map.landmarks.len(), map_rmse(&output, &truth)));
+    }
+    println!("landmarks and map RMSE: {drawn:.3?}, plain {plain:.3?}");
+    // In view are 139, 142 and 139.
+    assert!(drawn.iter().all(|(landmarks, _)| *landmarks <= 145), "{drawn:?}");
+    assert!(drawn.iter().zip(&plain).all(|(drawn, plain)| drawn.1 < 0.6 * plain.1), "{drawn:?} {plain:?}");
+    assert!(plain.iter().any(|(landmarks, _)| *landmarks > 180), "{plain:?}: nothing to cure");
+}
+
+#[test]
+fn with_all_identities_known_nothing_is_drawn_unless_asked_for() {
+    let (log, config, _) = world("demo", 1, 20.0, fastslam_sim::Identities::All);
+    let output = run(&config, &log, &mut Blind).unwrap();
+    assert!(output.steps.len() > 50 && output.steps.iter().all(|step| !step.info.rejuvenated));
 }

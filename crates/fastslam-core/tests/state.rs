@@ -69,7 +69,7 @@ fn configurations() -> Vec<Config> {
                 match variant {
                     0 => config.filter.adaptive.number = ParticleNumber::Kld,
                     1 => {
-                        config.filter.rejuvenation.every_steps = 20;
+                        config.filter.rejuvenation.every_steps = Some(20);
                         config.association.merging.rule = MergingRule::Nearby;
                     }
                     2 => {

@@ -1,5 +1,6 @@
 //! Which landmark a sighting belongs to, when nobody says so.
 
+mod ambiguity;
 mod assignment;
 mod choice;
 mod decide;
@@ -15,6 +16,7 @@ mod table;
 pub(crate) use crate::belief::by_robot_pose;
 pub use crate::belief::Belief;
 pub use crate::sighting::{Appearance, ScanSighting};
+pub use ambiguity::Relation;
 pub use assignment::{assign, decide_assignment};
 pub use choice::Scratch;
 pub use decide::{decide, Outcome};

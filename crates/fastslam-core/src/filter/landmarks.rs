@@ -13,6 +13,9 @@ use serde::{Deserialize, Serialize};
 /// Columns of the existence store: whether the row counts, and the log-odds.
 pub(super) const EXISTENCE_COLUMNS: usize = 2;
 
+/// The density of landmarks is that among so many neighbours.
+const NEIGHBOURS: usize = 8;
+
 /// A landmark hypothesis, shared by the particles that created it from one sighting.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Slot {
@@ -197,6 +200,40 @@ impl Landmarks {
         if let Some(grid) = &mut self.grid {
             grid.find(region, out);
         }
+    }
+
+    /// Landmarks per square metre around a place in one map, which holds `known`: that of the nearest [`NEIGHBOURS`], or
+    /// of all where there are fewer. `reach_m` is how far is looked first.
+    pub fn density(&mut self, (map, known): (usize, usize), around: [f64; 2], reach_m: f64) -> f64 {
+        let enough = known.min(NEIGHBOURS + 1);
+        let (mut reach_m, mut squares) = (reach_m, Vec::new());
+        // Doubled so often, any reach holds any map.
+        for _ in 0..64 {
+            squares.clear();
+            let squared = |at: [f64; 2]| (at[0] - around[0]).powi(2) + (at[1] - around[1]).powi(2);
+            squares.extend(self.places_near(map, around, reach_m).into_iter().map(|(_, at)| squared(at)));
+            squares.retain(|squared| *squared <= reach_m * reach_m);
+            if squares.len() >= enough {
+                break;
+            }
+            reach_m *= 2.0;
+        }
+        squares.sort_unstable_by(f64::total_cmp);
+        let neighbours = squares.len().min(enough).saturating_sub(1);
+        let Some(farthest) = squares.get(neighbours).filter(|_| neighbours > 0) else { return 0.0 };
+        neighbours as f64 / (std::f64::consts::PI * farthest)
+    }
+
+    /// The landmarks of one map in a square around a place, with their means; a few beside it too.
+    pub fn places_near(&mut self, map: usize, around: [f64; 2], reach_m: f64) -> Vec<(u32, [f64; 2])> {
+        let region = Box2 { low: around.map(|v| v - reach_m), high: around.map(|v| v + reach_m) };
+        let (mut found, mut row) = (Vec::new(), vec![0.0; self.columns]);
+        self.find(&region, &mut found);
+        found.sort_unstable_by_key(|slot| self.birth(*slot));
+        found.dedup();
+        let held =
+            |slot: u32| self.read_row(slot, map, &mut row).then(|| (slot, [row[column::MEAN_X], row[column::MEAN_Y]]));
+        found.into_iter().filter_map(held).collect()
     }
 
     /// Map i becomes a copy of the former map `ancestor_indices[i]`.

@@ -12,6 +12,7 @@ mod landmarks;
 mod merger;
 mod merging;
 mod names;
+mod need;
 mod ordinary;
 mod particles;
 mod rejuvenation;
@@ -131,7 +132,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             lever_arm_m: config.sensor.mounting.x_m.hypot(config.sensor.mounting.y_m),
         };
         let random = RandomSource::new(config.seed);
-        let (state, work) = (State::new(&config, landmarks), Work::new(&workers));
+        let (state, work) = (State::new(&config, identities, landmarks), Work::new(&workers));
         Ok(Self { models, settings: Settings { config, identities, rules, gate_radius, random }, state, work, workers })
     }
 
@@ -207,7 +208,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.state.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
             self.remember_step();
             if self.rejuvenation_is_due() {
-                info.rejuvenated = self.rejuvenate();
+                info.rejuvenated |= self.rejuvenate();
                 info.merged += self.closed();
             }
         }

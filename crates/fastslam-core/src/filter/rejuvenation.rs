@@ -20,6 +20,7 @@ use crate::random::{Purpose, Stream};
 use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Sampling, LANES};
 use crate::smoothing::{Closing, Graph, Mode, Sights, Solution, Trajectory, NO_LANDMARK};
 use rustc_hash::FxHashMap;
+use std::cell::Cell;
 
 impl<M: MeasurementModel> FastSlam<M> {
     /// Remembers a control.
@@ -63,8 +64,13 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Remembers that a pose was added to every path.
     pub(super) fn remember_step(&mut self) {
+        let best = self.state.particles.best();
         if let Some(rejuvenation) = &mut self.state.rejuvenation {
             rejuvenation.history.step_done();
+            if let Some(need) = &mut rejuvenation.need {
+                let after = self.state.particles.pose(best);
+                need.step_done(&rejuvenation.history, after);
+            }
         }
     }
 
@@ -79,7 +85,10 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub(super) fn rejuvenation_is_due(&self) -> bool {
         let settings = &self.settings.config.filter.rejuvenation;
         self.state.rejuvenation.as_ref().is_some_and(|r| {
-            let least = (settings.every_steps as f64).max(settings.growth * r.last as f64);
+            if let Some(need) = &r.need {
+                return need.asks();
+            }
+            let least = f64::from(settings.every_steps.unwrap_or(0)).max(settings.growth * r.last as f64);
             (r.history.steps() - r.last) as f64 >= least
         })
     }
@@ -87,20 +96,24 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// Draws all particles anew from the posterior over paths and maps, given the best particle's associations.
     ///
     /// Returns false, and leaves everything as it is, when the filter was not configured for it
-    /// (`filter.rejuvenation.every_steps`), when nothing happened since the last time, or when no finite solution was
+    /// (`filter.rejuvenation`), when nothing happened since the last time, or when no finite solution was
     /// found.
     pub fn rejuvenate(&mut self) -> bool {
         let Some(mut rejuvenation) = self.state.rejuvenation.take() else { return false };
         let fresh = rejuvenation.history.steps() > rejuvenation.last;
-        let merged = fresh.then(|| self.start_anew(&rejuvenation)).flatten();
-        rejuvenation.count += u64::from(merged.is_some());
+        let work = Cell::new(0.0);
+        let anew = fresh.then(|| self.start_anew(&rejuvenation, &work)).flatten();
+        rejuvenation.count += u64::from(anew.is_some());
         rejuvenation.last = rejuvenation.history.steps();
-        rejuvenation.merged = merged.unwrap_or(0);
-        if merged.is_some() {
+        rejuvenation.merged = anew.as_ref().map_or(0, |(_, merges)| merges.len() as u32);
+        if let Some((trajectory, merges)) = &anew {
             rejuvenation.history.resample(&self.work.ancestor_indices);
+            if let Some(need) = &mut rejuvenation.need {
+                need.drawn(work.get(), merges, (&rejuvenation.history, trajectory));
+            }
         }
         self.state.rejuvenation = Some(rejuvenation);
-        merged.is_some()
+        anew.is_some()
     }
 
     /// Landmarks that went over into others when all was drawn anew the last time.
@@ -108,8 +121,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged)
     }
 
-    /// Returns how many landmarks went over into others; `None` when nothing was done.
-    fn start_anew(&mut self, rejuvenation: &Rejuvenation) -> Option<u32> {
+    /// Returns the path and the births of landmarks that went over into others (younger, older); `None` when nothing was
+    /// done.
+    fn start_anew(&mut self, rejuvenation: &Rejuvenation, work: &Cell<f64>) -> Option<(Trajectory, Vec<[u32; 2]>)> {
         let (history, best) = (&rejuvenation.history, self.state.particles.best());
         let means = self.means_of(best);
         let mut seen = history.seen_by(best);
@@ -135,6 +149,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             likelihood_exponent: self.settings.config.filter.likelihood_exponent,
             first_free,
             landmarks,
+            work,
         };
         let mode = graph.solve(guess)?;
         let stream = self.settings.random.stream(Purpose::Rejuvenation, rejuvenation.count);
@@ -150,7 +165,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         for [younger, older] in &merges {
             self.unite([older, younger].map(|birth| means[birth].0));
         }
-        Some(merges.len() as u32)
+        Some((mode.solution.trajectory, merges))
     }
 
     /// Closes the loops that the best particle has missed, if the configuration wants that.
@@ -173,7 +188,12 @@ impl<M: MeasurementModel> FastSlam<M> {
             (!named).then(|| looks.map_or(0.0, |looks| looks.evidence_of_one([older, younger], best)))
         };
         let tolerance = self.settings.config.association.merging.tolerance_std_m;
-        let closing = Closing { log_odds: math::ln(odds), tolerance_m2: tolerance * tolerance, evidence: &evidence };
+        let closing = Closing {
+            log_odds: math::ln(odds),
+            odds_outweigh_misfit: self.settings.config.filter.rejuvenation.every_steps.is_none(),
+            tolerance_m2: tolerance * tolerance,
+            evidence: &evidence,
+        };
         graph.close_loops(mode, &closing, |size, pass| {
             let mut numbers = vec![[0.0; LANES]; size];
             // Particles have lower numbers.

@@ -26,6 +26,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.believe();
         let mut table = std::mem::take(&mut self.work.associating.table);
         self.find_candidates(scan, &mut table);
+        if self.leave_ambiguous_to_draws(&mut table, true) {
+            info.rejuvenated |= self.rejuvenate();
+            info.merged += self.closed();
+            self.believe();
+            self.find_candidates(scan, &mut table);
+            self.leave_ambiguous_to_draws(&mut table, false);
+        }
         let mut decisions = std::mem::take(&mut self.work.associating.decisions);
         self.decide(scan, &table, &mut decisions, info);
         self.examine_decided(scan, &decisions, &table);
@@ -46,6 +53,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.correct_decided((j, sighting), &decided, &table, info);
         }
         self.remember_decided(scan, &decisions, &table, &births);
+        self.note_scan(scan, &decisions, &table);
         if self.judges_existence() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
         }
@@ -59,6 +67,23 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.work.correcting.births,
         ) = (table, decisions, decided, births);
         Ok(())
+    }
+
+    /// Takes note of what the best particle made of a scan.
+    fn note_scan(&mut self, scan: &[ScanSighting], decisions: &[Decision], table: &CandidateTable) {
+        let best = self.state.particles.best();
+        let (mut matched, mut founded) = (Vec::new(), Vec::new());
+        for (j, decision) in decisions[best * scan.len()..][..scan.len()].iter().enumerate() {
+            match decision {
+                Decision::Landmark(candidate) => matched.push(table.slots[*candidate as usize]),
+                Decision::New => {
+                    founded
+                        .extend(self.work.correcting.founded.iter().filter(|(of, _)| *of == j).map(|(_, slot)| *slot));
+                }
+                Decision::Ignored => {}
+            }
+        }
+        self.note_need(scan, &matched, &founded);
     }
 
     /// Every particle's decisions (an equal share each), with its belief refined and its weight changed by them.

@@ -100,8 +100,10 @@ impl Default for AdaptiveConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RejuvenationConfig {
-    /// Fewest steps (with sightings) between two draws; 0 for none at all.
-    pub every_steps: u32,
+    /// Draw by a schedule: fewest steps (with sightings) between two draws; 0 for none at all, the plain filter. Without
+    /// it draws follow need where identities are not all known (a loop in sight, landmarks founded where old ones may
+    /// lie, the end of the log), and there are none where all are.
+    pub every_steps: Option<u32>,
     /// Fewest steps between two draws as a fraction of the log so far: with more than 0 the time for all draws together
     /// stays in proportion to the log.
     pub growth: f64,
@@ -117,7 +119,7 @@ pub struct RejuvenationConfig {
 
 impl Default for RejuvenationConfig {
     fn default() -> Self {
-        Self { every_steps: 0, growth: 0.05, spread: 1.0, closing_odds: 1000.0, window_steps: None }
+        Self { every_steps: None, growth: 0.05, spread: 1.0, closing_odds: 1000.0, window_steps: None }
     }
 }
 

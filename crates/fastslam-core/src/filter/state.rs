@@ -2,7 +2,9 @@
 
 use super::landmarks::Landmarks;
 use super::merger::Merger;
+use super::need::Need;
 use super::particles::{Particles, PoseEstimate};
+use crate::association::Identities;
 use crate::config::Config;
 use crate::diagnosis::health::{View, Watch};
 use crate::diagnosis::NoiseReport;
@@ -64,24 +66,34 @@ pub(super) struct Rejuvenation {
     pub count: u64,
     /// Landmarks that went over into others at the last time.
     pub merged: u32,
+    /// Where draws follow need, what that needs.
+    pub need: Option<Need>,
 }
 
 impl Rejuvenation {
-    pub fn new(particles: usize) -> Self {
-        Self { history: History::new(particles), ..Self::default() }
+    /// What the configuration asks for; `None` where paths are never drawn anew.
+    fn of(config: &Config, identities: Identities) -> Option<Self> {
+        let by_need = match config.filter.rejuvenation.every_steps {
+            Some(0) => return None,
+            Some(_) => false,
+            None if identities == Identities::All => return None,
+            None => true,
+        };
+        let need = by_need.then(|| Need::new(config.initial_pose.T_world_robot()));
+        Some(Self { history: History::new(config.filter.particles as usize), need, ..Self::default() })
     }
 }
 
 impl State {
     /// At the configured initial pose, with these maps.
-    pub fn new(config: &Config, landmarks: Landmarks) -> Self {
+    pub fn new(config: &Config, identities: Identities, landmarks: Landmarks) -> Self {
         let (start, particles) = (config.initial_pose.T_world_robot(), config.filter.particles as usize);
         Self {
             particles: Particles::at(start, particles),
             weights: Weights { values: vec![1.0 / particles as f64; particles], ..Weights::default() },
             landmarks,
             path: PathForest::new(particles),
-            rejuvenation: (config.filter.rejuvenation.every_steps > 0).then(|| Rejuvenation::new(particles)),
+            rejuvenation: Rejuvenation::of(config, identities),
             pending: MotionGaussian::default(),
             motion_since_scan: MotionByNoise::default(),
             counters: Counters::default(),

@@ -36,6 +36,9 @@ const NEIGHBOURS: usize = 8;
 pub struct Closing<'a> {
     /// ln of how many times likelier one thing must be than two.
     pub log_odds: f64,
+    /// Whether odds far beyond these outweigh that the problem fits worse than it should: a unit of twice the cost above
+    /// the limit takes one from the logarithm of the odds.
+    pub odds_outweigh_misfit: bool,
     /// Added to the variance of a difference, square metres.
     pub tolerance_m2: f64,
     /// ln of how many times likelier two landmarks (named by their births, older first) look as they do if they are one
@@ -60,7 +63,8 @@ impl<M: MeasurementModel> Graph<'_, M> {
             // All together, or else the likeliest alone.
             let mut attempts: Vec<&[Set]> = vec![&sets];
             attempts.extend(sets.get(..1).filter(|_| sets.len() > 1));
-            let Some((landmarks, new_mode, pairs)) = attempts.into_iter().find_map(|sets| self.closed(sets, &mode))
+            let Some((landmarks, new_mode, pairs)) =
+                attempts.into_iter().find_map(|sets| self.closed(sets, &mode, closing))
             else {
                 break;
             };
@@ -71,7 +75,7 @@ impl<M: MeasurementModel> Graph<'_, M> {
     }
 
     /// The landmarks and the mode with the pairs made one; `None` when that does not fit or there are none.
-    fn closed(&self, sets: &[Set], mode: &Mode) -> Option<(Vec<Sights>, Mode, Vec<Pair>)> {
+    fn closed(&self, sets: &[Set], mode: &Mode, closing: &Closing<'_>) -> Option<(Vec<Sights>, Mode, Vec<Pair>)> {
         let pairs: Vec<Pair> = sets.iter().flat_map(|set| set.pairs.iter().copied()).collect();
         if pairs.is_empty() {
             return None;
@@ -89,7 +93,10 @@ impl<M: MeasurementModel> Graph<'_, M> {
         let closed = Graph { landmarks, ..*self };
         let new_mode = closed.solve(guess)?;
         let worse = 2.0 * (new_mode.cost - mode.cost);
-        (worse <= chi_squared_limit(2 * pairs.len())).then_some((closed.landmarks, new_mode, pairs))
+        let unlikely = worse - chi_squared_limit(2 * pairs.len());
+        let odds: f64 = sets.iter().map(|set| set.log_odds).sum();
+        let paid = closing.odds_outweigh_misfit && odds >= sets.len() as f64 * closing.log_odds + unlikely;
+        (unlikely <= 0.0 || paid).then_some((closed.landmarks, new_mode, pairs))
     }
 
     /// Sets of pairs that are likely enough the same things, the likeliest first; no landmark is in two of them.
@@ -265,6 +272,7 @@ mod tests {
     use crate::measurement::{MeasurementModel, RangeBearing};
     use crate::motion::MotionGaussian;
     use crate::random::{Purpose, RandomSource};
+    use std::cell::Cell;
 
     const MODEL: RangeBearing = RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.01 };
     const STEPS: usize = 80;
@@ -320,6 +328,7 @@ mod tests {
             likelihood_exponent: 1.0,
             first_free: 0,
             landmarks: sights,
+            work: &Cell::new(0.0),
         };
         let mode = graph.solve(guess).unwrap();
         let stream = RandomSource::new(2).stream(Purpose::Rejuvenation, 0);
@@ -344,7 +353,8 @@ mod tests {
     #[test]
     fn what_was_founded_twice_becomes_one() {
         let landmarks = ring();
-        let closing = Closing { log_odds: 7.0, tolerance_m2: 0.0, evidence: &|_| Some(0.0) };
+        let closing =
+            Closing { log_odds: 7.0, odds_outweigh_misfit: false, tolerance_m2: 0.0, evidence: &|_| Some(0.0) };
         let (left, merges) = close(&landmarks, &closing);
         assert!(merges.len() >= 10, "{merges:?}");
         assert!(merges.iter().all(|[younger, older]| younger % 12 == older % 12), "{merges:?}");
@@ -353,7 +363,7 @@ mod tests {
 
     #[test]
     fn what_looks_different_stays_two() {
-        let closing = Closing { log_odds: 7.0, tolerance_m2: 0.0, evidence: &|_| None };
+        let closing = Closing { log_odds: 7.0, odds_outweigh_misfit: false, tolerance_m2: 0.0, evidence: &|_| None };
         assert!(close(&ring(), &closing).1.is_empty());
         // Each pair is a billion times likelier two things than one by its looks.
         let closing = Closing { evidence: &|_| Some(-20.7), ..closing };

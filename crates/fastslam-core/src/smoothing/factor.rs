@@ -124,6 +124,16 @@ impl Factor {
         covariance
     }
 
+    /// Multiplications of a factorisation.
+    pub fn operations(&self) -> f64 {
+        self.columns().map(|(rows, _)| (rows.len() * rows.len()) as f64).sum()
+    }
+
+    /// Numbers in the factor.
+    pub fn numbers(&self) -> usize {
+        self.values.len()
+    }
+
     /// Number of variables.
     pub fn size(&self) -> usize {
         self.symbolic.nrows()

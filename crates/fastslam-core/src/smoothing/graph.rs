@@ -9,6 +9,7 @@ use crate::landmark::{Measured, Tail};
 use crate::math;
 use crate::measurement::MeasurementModel;
 use rustc_hash::FxHashMap;
+use std::cell::Cell;
 
 /// Added to the variances of every motion, in m² and rad².
 ///
@@ -59,6 +60,8 @@ pub struct Graph<'a, M> {
     pub first_free: usize,
     /// Landmarks seen from a free pose.
     pub landmarks: Vec<Sights>,
+    /// Counts what is done, in sightings of a particle (about 100 operations).
+    pub work: &'a Cell<f64>,
 }
 
 /// A path with landmarks.
@@ -93,8 +96,11 @@ impl<M: MeasurementModel> Graph<'_, M> {
         let layout = self.layout(guess.trajectory.poses.len());
         let mut matrix = self.structure(&layout);
         let mut factor = Factor::of_structure(&matrix)?;
+        let sightings: usize = self.landmarks.iter().map(|sights| sights.seen.len()).sum();
+        let each = 0.01 * factor.operations() + (sightings + layout.poses) as f64;
         let (mut solution, mut cost) = (guess.clone(), self.cost(&guess));
         for _ in 0..ITERATIONS {
+            self.work.set(self.work.get() + each);
             let descent = self.linearize(&solution, &layout, &mut matrix);
             let system = (&mut matrix, &mut factor);
             let Some((better, converged)) = self.descend((&solution, cost), &descent, system) else {
@@ -421,16 +427,21 @@ mod tests {
         )
     }
 
-    fn graph(history: &History, landmarks: Vec<Sights>, first_free: usize) -> Graph<'_, RangeBearing> {
+    fn graph<'a>(
+        (history, work): (&'a History, &'a Cell<f64>),
+        landmarks: Vec<Sights>,
+        first_free: usize,
+    ) -> Graph<'a, RangeBearing> {
         let T_robot_sensor = T_ROBOT_SENSOR;
-        Graph { history, model: &MODEL, T_robot_sensor, likelihood_exponent: 0.7, first_free, landmarks }
+        Graph { history, model: &MODEL, T_robot_sensor, likelihood_exponent: 0.7, first_free, landmarks, work }
     }
 
     #[test]
     fn the_descent_is_minus_the_gradient_of_the_cost() {
         for (tail, first_free) in [(Tail::Gaussian, 0), (Tail::StudentT(4.0), 0), (Tail::Gaussian, 2)] {
             let (history, sights, solution) = example(tail);
-            let graph = graph(&history, sights, first_free);
+            let work = Cell::new(0.0);
+            let graph = graph((&history, &work), sights, first_free);
             let layout = graph.layout(6);
             let descent = graph.linearize(&solution, &layout, &mut graph.structure(&layout));
             assert_eq!(descent.len(), 3 * (6 - first_free) + 4);
@@ -455,7 +466,8 @@ mod tests {
     fn from_the_mode_one_more_step_leads_nowhere() {
         for tail in [Tail::Gaussian, Tail::StudentT(4.0)] {
             let (history, sights, guess) = example(tail);
-            let graph = graph(&history, sights, 0);
+            let work = Cell::new(0.0);
+            let graph = graph((&history, &work), sights, 0);
             let before = graph.cost(&guess);
             let mode = graph.solve(guess).unwrap();
             assert!(graph.cost(&mode.solution) < before);
@@ -470,6 +482,6 @@ mod tests {
     fn a_guess_without_an_end_gives_no_mode() {
         let (history, sights, mut guess) = example(Tail::Gaussian);
         guess.landmarks[0] = [f64::NAN, 0.0];
-        assert!(graph(&history, sights, 0).solve(guess).is_none());
+        assert!(graph((&history, &Cell::new(0.0)), sights, 0).solve(guess).is_none());
     }
 }

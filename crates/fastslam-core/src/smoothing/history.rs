@@ -3,8 +3,9 @@
 use crate::geometry::Pose;
 use crate::motion::MotionGaussian;
 use crate::sighting::Measured;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHasher};
 use serde::{Deserialize, Serialize};
+use std::hash::{Hash, Hasher};
 use std::ops::Range;
 
 /// A sighting that belongs to no landmark of a particle's map.
@@ -12,6 +13,8 @@ pub const NO_LANDMARK: u32 = u32::MAX;
 
 /// No scan before this one.
 const NONE: u32 = u32::MAX;
+/// With fewer explanations than this none is looked for that nobody holds.
+const FEW_EXPLANATIONS: usize = 4096;
 
 /// One scan as one or more particles explained it.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -39,9 +42,14 @@ pub struct History {
     choices: Vec<u32>,
     /// Latest explanation of each particle.
     tips: Vec<u32>,
-    /// Explanations of the scan at hand by (previous, choices).
+    /// Explanations of the scan at hand by a hash of (previous, choices).
     #[serde(skip)]
-    known: FxHashMap<(u32, Vec<u32>), u32>,
+    known: FxHashMap<u64, u32>,
+    /// Kept for its memory.
+    #[serde(skip)]
+    chosen: Vec<u32>,
+    /// Explanations from which on those that no particle holds any more are looked for.
+    crowded: usize,
 }
 
 /// A sighting of a landmark: number of the step and of the sighting.
@@ -73,24 +81,64 @@ impl History {
 
     /// A scan was explained: `choice_of(particle, sighting)` is the birth of a landmark, or [`NO_LANDMARK`].
     pub fn explained(&mut self, scan: impl Iterator<Item = Measured>, choice_of: impl Fn(usize, usize) -> u32) {
+        self.forget_what_nobody_holds();
         let (first_sighting, count) = self.remember(scan);
         self.known.clear();
+        let mut chosen = std::mem::take(&mut self.chosen);
         for particle in 0..self.tips.len() {
-            let choices: Vec<u32> = (0..count as usize).map(|j| choice_of(particle, j)).collect();
-            let key = (self.tips[particle], choices);
-            self.tips[particle] = match self.known.get(&key) {
-                Some(known) => *known,
-                None => {
-                    let new = self.explain(key.0, first_sighting, &key.1);
-                    self.known.insert(key, new);
-                    new
-                }
-            };
+            chosen.clear();
+            chosen.extend((0..count as usize).map(|j| choice_of(particle, j)));
+            self.tips[particle] = self.explanation(self.tips[particle], first_sighting, &chosen);
         }
+        self.chosen = chosen;
+    }
+
+    /// The explanation of the scan at hand by these choices, a new one if there is none yet.
+    fn explanation(&mut self, previous: u32, first_sighting: u32, choices: &[u32]) -> u32 {
+        let mut hasher = FxHasher::default();
+        (previous, choices).hash(&mut hasher);
+        let mut hash = hasher.finish();
+        while let Some(&known) = self.known.get(&hash) {
+            let Explanation { previous: of, first_choice, count, .. } = self.explanations[known as usize];
+            if of == previous && self.choices[first_choice as usize..(first_choice + count) as usize] == *choices {
+                return known;
+            }
+            hash = hash.wrapping_add(1);
+        }
+        let new = self.explain(previous, first_sighting, choices);
+        self.known.insert(hash, new);
+        new
+    }
+
+    /// Forgets explanations from which no particle descends, once there are twice as many as were left the last time.
+    fn forget_what_nobody_holds(&mut self) {
+        if self.explanations.len() < self.crowded.max(FEW_EXPLANATIONS) {
+            return;
+        }
+        let mut held = vec![false; self.explanations.len()];
+        for &tip in &self.tips {
+            let mut index = tip;
+            while index != NONE && !std::mem::replace(&mut held[index as usize], true) {
+                index = self.explanations[index as usize].previous;
+            }
+        }
+        let (explanations, choices) = (std::mem::take(&mut self.explanations), std::mem::take(&mut self.choices));
+        let mut places = vec![NONE; explanations.len()];
+        let place = |places: &[u32], index: u32| if index == NONE { NONE } else { places[index as usize] };
+        for (index, old) in explanations.iter().enumerate().filter(|(index, _)| held[*index]) {
+            places[index] = self.explanations.len() as u32;
+            let first_choice = self.choices.len() as u32;
+            self.choices
+                .extend_from_slice(&choices[old.first_choice as usize..(old.first_choice + old.count) as usize]);
+            self.explanations.push(Explanation { previous: place(&places, old.previous), first_choice, ..*old });
+        }
+        self.tips.iter_mut().for_each(|tip| *tip = place(&places, *tip));
+        self.crowded = 2 * self.explanations.len();
     }
 
     /// A scan was explained by all particles in the same way.
     pub fn explained_alike(&mut self, scan: impl Iterator<Item = Measured>, choices: &[u32]) {
+        self.forget_what_nobody_holds();
         let (first_sighting, _) = self.remember(scan);
         let mut latest: Option<(u32, u32)> = None;
         for particle in 0..self.tips.len() {
@@ -123,6 +171,11 @@ impl History {
     /// Particle i takes over the past of the former particle `ancestor_indices[i]`.
     pub fn resample(&mut self, ancestor_indices: &[u32]) {
         self.tips = ancestor_indices.iter().map(|&a| self.tips[a as usize]).collect();
+    }
+
+    /// Whether no scan was explained since the last step.
+    pub fn is_between_steps(&self) -> bool {
+        self.explanations.last().is_none_or(|last| (last.step as usize) < self.motions.len())
     }
 
     /// Steps done.
@@ -205,5 +258,30 @@ mod tests {
         assert_eq!(births(1), vec![(0, 0), (1, 0), (7, 1)]);
         assert_eq!(history.sighting(history.seen_by(1)[2].sighting).value[0], 3.0);
         assert_eq!(history.steps(), 2);
+    }
+
+    #[test]
+    fn what_no_particle_holds_is_forgotten_and_nothing_else() {
+        let mut history = History::new(4);
+        let steps = 3 * FEW_EXPLANATIONS as u32;
+        for step in 0..steps {
+            history.explained([f64::from(step)].map(measured).into_iter(), |i, _| 4 * step + i as u32);
+            history.step_done();
+            if step % 2 == 1 {
+                history.resample(&[1, 2, 2, 0]);
+            }
+        }
+        assert!(
+            history.explanations.len() < 2 * (steps as usize + 8) + FEW_EXPLANATIONS,
+            "{}",
+            history.explanations.len()
+        );
+        let births: Vec<u32> = history.seen_by(0).iter().map(|seen| seen.birth).collect();
+        assert_eq!(births.len(), steps as usize);
+        // Particle 0 came from 1 at the last step, which came from 2 two steps before, and that always from itself.
+        for (step, birth) in births.iter().enumerate() {
+            let ancestor = if step as u32 + 2 < steps { 2 } else { 1 };
+            assert_eq!(*birth, 4 * step as u32 + ancestor, "step {step}");
+        }
     }
 }
