@@ -51,8 +51,8 @@ site: $(VENV)/.site ## build the documentation site into site/; broken links fai
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 	@echo "site/: look at it with $(BIN)/python -m http.server -d site"
 
-bench: setup ## run the benchmarks (QUICK=1: counted instructions, and a short pass over kernels and scale)
-	cargo bench -p fastslam-core $(if $(QUICK),--bench instructions --bench stages -- --quick kernels,--bench '*')
+bench: setup ## run the benchmarks (QUICK=1: counted instructions, and a short pass over scale)
+	cargo bench -p fastslam-core --bench $(if $(QUICK),instructions,'*')
 	@set -e; for bench in $(PYTHON_BENCHES); do \
 	  echo "== $$bench"; $(BIN)/python $$bench $(if $(QUICK),--quick); done
 
