@@ -35,6 +35,9 @@ class Checkpoints:
     def begin(self) -> bytes | None:
         """The state to go on from, if that is wanted and there is one; else an older file is removed."""
         try:
+            for unfinished in self.path.parent.glob(f".{self.path.name}.*"):
+                # Of a process that was killed while it wrote.
+                unfinished.unlink(missing_ok=True)
             if self.resume and self.path.exists():
                 return self.path.read_bytes()
             self.path.unlink(missing_ok=True)
