@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import os
 import pickle
 import random
@@ -72,6 +73,46 @@ def test_a_file_that_is_no_snapshot_or_damaged_is_refused_with_its_name(tmp_path
             FastSlam.load(file)
     with pytest.raises(DataError, match=r"none.fastslam: cannot read: No such file"):
         FastSlam.load(tmp_path / "none.fastslam")
+
+
+STORED = Path(__file__).parent / "snapshots"
+KINDS: dict[str, dict[str, Any]] = {
+    "fastslam1": {"algorithm": "fastslam1", "filter": {"particles": 5, "store": "tree"}},
+    "fastslam2": {"algorithm": "fastslam2", "filter": {"particles": 5, "rejuvenation": {"every_steps": 4}}},
+    "ekf": {"algorithm": "ekf"},
+}
+
+
+def _sketch(robot: FastSlam) -> dict[str, list[float]]:
+    return {"pose": robot.pose[0].tolist(), "landmarks_m": robot.landmarks.mean_m.ravel().tolist()}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_files_of_this_format_are_read_and_older_ones_refused_with_the_reason(kind: str) -> None:
+    """Files of older formats stay: they are read, or refused.
+
+    Whoever changes what is stored raises `snapshot::FORMAT` of the core, and adds files of the new format
+    with `FASTSLAM_REFRESH_GOLDEN=1`.
+    """
+    if os.environ.get("FASTSLAM_REFRESH_GOLDEN"):
+        robot = _fed(FastSlam({**KINDS[kind], "seed": 4}), 0, 9)
+        number = int.from_bytes(robot.__getstate__()[8:12], "little")
+        robot.save(STORED / f"format-{number}-{kind}.fastslam")
+        (STORED / f"format-{number}-{kind}.json").write_text(json.dumps(_sketch(robot)) + "\n")
+    read = 0
+    for file in STORED.glob(f"format-*-{kind}.fastslam"):
+        try:
+            robot = FastSlam.load(file)
+        except DataError as error:
+            assert "an older format" in str(error), error
+            continue
+        expected = json.loads(file.with_suffix(".json").read_text())
+        for name, values in _sketch(robot).items():
+            np.testing.assert_allclose(values, expected[name], rtol=0.0, atol=1e-9)
+        assert len(expected["landmarks_m"]) == 8 and robot.landmarks.ids[0] == "oak"
+        _fed(robot, 9, 12)
+        read += 1
+    assert read == 1
 
 
 def _log() -> Log:
