@@ -1,6 +1,7 @@
 //! Gaussians of two dimensions: product, distance, moments of a mixture.
 
 use crate::geometry::Symmetric2;
+use crate::limits::LARGEST_STATE;
 
 /// A landmark's Gaussian in one map.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +45,14 @@ pub fn product(a: &Gaussian, b: &Gaussian) -> Gaussian {
     let push = |s: &Symmetric2, m: [f64; 2]| [s.xx * m[0] + s.xy * m[1], s.xy * m[0] + s.yy * m[1]];
     let (u, v) = (push(&p, a.mean), push(&q, b.mean));
     Gaussian { mean: push(&covariance, [u[0] + v[0], u[1] + v[1]]), covariance }
+}
+
+impl Gaussian {
+    /// Whether its numbers are of a size to compute with, and its covariance has a width in every direction.
+    pub fn is_usable(&self) -> bool {
+        let numbers = [self.mean[0], self.mean[1], self.covariance.xx, self.covariance.yy];
+        numbers.iter().all(|value| value.abs() <= LARGEST_STATE) && self.covariance.is_positive_definite()
+    }
 }
 
 /// The product, as uncertain as the two disagree: the variance between them, by their numbers of sightings, is added.

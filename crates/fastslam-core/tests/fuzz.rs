@@ -137,7 +137,7 @@ fn settings(draw: &mut Draw) -> Config {
         config.algorithm = Algorithm::Ekf;
         return config;
     }
-    config.filter.rejuvenation.every_steps = draw.one(&[0, 0, 0, 2]);
+    config.filter.rejuvenation.every_steps = draw.one(&[None, None, Some(0), Some(2)]);
     let association = &mut config.association;
     association.method = draw.one(&[Method::MaximumLikelihood, Method::Sampled, Method::Assignment, Method::Joint]);
     if draw.chance(0.5) {

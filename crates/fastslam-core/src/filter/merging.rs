@@ -90,6 +90,8 @@ impl<M: MeasurementModel> FastSlam<M> {
                 } else if let (Some(a), Some(b)) = (gaussian_in(&old, i), gaussian_in(&young, i)) {
                     let counts = [&old, &young].map(|rows| rows.column(column::SIGHTINGS)[i]);
                     let both = if unsure { spread_product(&a, &b, counts) } else { product(&a, &b) };
+                    // Ellipses without width have no product in doubles: the older one stands for both.
+                    let both = if both.is_usable() { both } else { a };
                     rows.column(column::SIGHTINGS)[i] = counts[0] + counts[1];
                     rows.column(column::MEAN_X)[i] = both.mean[0];
                     rows.column(column::MEAN_Y)[i] = both.mean[1];

@@ -3,6 +3,7 @@
 mod adaptive;
 mod appearance;
 mod beliefs;
+mod doubts;
 mod estimate;
 mod examine;
 mod existence;

@@ -160,6 +160,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             spread: self.settings.config.filter.rejuvenation.spread,
         };
         let drawn = draw(&graph, &mode, &sampling);
+        if !drawn.last_poses.iter().all(|pose| pose.is_finite()) {
+            return None;
+        }
         let landmarks = graph.landmarks;
         self.adopt(best, &mode.solution, &drawn, &landmarks, &means);
         for [younger, older] in &merges {
@@ -247,7 +250,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 for c in [column::MEAN_X, column::MEAN_Y, column::COV_XX, column::COV_XY, column::COV_YY] {
                     for (value, gaussian) in rows.column(c).iter_mut().zip(gaussians) {
                         // A landmark at the sensor has no direction; it stays what it was.
-                        if gaussian.covariance.is_positive_definite() {
+                        if gaussian.is_usable() {
                             *value = number(gaussian, c);
                         }
                     }
