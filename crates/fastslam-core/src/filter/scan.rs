@@ -69,8 +69,11 @@ impl<M: MeasurementModel> FastSlam<M> {
         Ok(())
     }
 
-    /// Takes note of what the best particle made of a scan.
+    /// Takes note of what the best particle made of a scan, where paths are drawn by need.
     fn note_scan(&mut self, scan: &[ScanSighting], decisions: &[Decision], table: &CandidateTable) {
+        if self.state.rejuvenation.as_ref().is_none_or(|rejuvenation| rejuvenation.need.is_none()) {
+            return;
+        }
         let best = self.state.particles.best();
         let (mut matched, mut founded) = (Vec::new(), Vec::new());
         for (j, decision) in decisions[best * scan.len()..][..scan.len()].iter().enumerate() {
