@@ -11,60 +11,49 @@ use crate::math;
 use crate::store::Rows;
 
 /// χ² that a two-dimensional Gaussian stays below with 99 %.
-const GATE: f64 = 9.21;
+pub const GATE: f64 = 9.21;
 
-/// Where the particles see a landmark, relative to themselves.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Relation {
-    /// Mean of the landmark in the world, metres.
-    pub landmark_in_world: [f64; 2],
-    /// Area of the ellipse that holds 99 % of the places of the landmark in the particles' robot frames, square metres.
-    pub area_m2: f64,
+/// Area of the ellipse that holds 99 % of a Gaussian whose covariance has this determinant (m⁴), square metres.
+pub fn area_m2(determinant: f64) -> f64 {
+    std::f64::consts::PI * GATE * determinant.max(0.0).sqrt()
 }
 
-impl Relation {
-    /// How the particles that hold a landmark relate to it; `None` when fewer than two do.
-    ///
-    /// **Shapes:** x, y (m) and heading (rad) of every particle, and the rows of the landmark.
-    pub fn of([x, y, heading]: [&[f64]; 3], rows: &Rows<'_>) -> Option<Self> {
-        let (sightings, at) =
-            (rows.column(column::SIGHTINGS), [column::MEAN_X, column::MEAN_Y].map(|c| rows.column(c)));
-        let mut sum = Moments::default();
-        // Differences from one of the particles, so that nothing cancels far from the origin.
-        let mut origin = None;
-        for i in (0..x.len()).filter(|i| sightings[*i] != 0.0) {
-            let (s, c) = math::sin_cos(heading[i]);
-            let (dx, dy) = (at[0][i] - x[i], at[1][i] - y[i]);
-            let seen = [c * dx + s * dy, c * dy - s * dx, at[0][i], at[1][i]];
-            let origin = *origin.get_or_insert(seen);
-            sum.add(std::array::from_fn(|k| seen[k] - origin[k]));
-        }
-        let origin = origin.filter(|_| sum.count >= 2.0)?;
-        Some(Self {
-            landmark_in_world: [2, 3].map(|k| origin[k] + sum.first[k] / sum.count),
-            area_m2: std::f64::consts::PI * GATE * sum.covariance_determinant().max(0.0).sqrt(),
-        })
+/// Area of the ellipse that holds 99 % of the places of a landmark in the robot frames of the particles that hold it,
+/// square metres; `None` when fewer than two do.
+///
+/// **Shapes:** x, y (m) and heading (rad) of every particle, and the rows of the landmark.
+pub fn disagreement_m2([x, y, heading]: [&[f64]; 3], rows: &Rows<'_>) -> Option<f64> {
+    let (sightings, at) = (rows.column(column::SIGHTINGS), [column::MEAN_X, column::MEAN_Y].map(|c| rows.column(c)));
+    let mut sum = Moments::default();
+    // Differences from one of the particles, so that nothing cancels far from the origin.
+    let mut origin = None;
+    for i in (0..x.len()).filter(|i| sightings[*i] != 0.0) {
+        let (s, c) = math::sin_cos(heading[i]);
+        let (dx, dy) = (at[0][i] - x[i], at[1][i] - y[i]);
+        let [u, v] = [c * dx + s * dy, c * dy - s * dx];
+        let [u0, v0] = *origin.get_or_insert([u, v]);
+        sum.add([u - u0, v - v0]);
     }
+    (sum.count >= 2.0).then(|| area_m2(sum.covariance_determinant()))
 }
 
-/// Sums over particles: of place in the robot's frame (x, y) and in the world (x, y).
+/// Sums over particles of a place (x, y) and of its products (xx, xy, yy).
 #[derive(Default)]
 struct Moments {
     count: f64,
-    first: [f64; 4],
+    first: [f64; 2],
     second: [f64; 3],
 }
 
 impl Moments {
-    fn add(&mut self, seen: [f64; 4]) {
+    fn add(&mut self, [x, y]: [f64; 2]) {
         self.count += 1.0;
-        self.first.iter_mut().zip(seen).for_each(|(sum, value)| *sum += value);
-        let [x, y, ..] = seen;
+        self.first.iter_mut().zip([x, y]).for_each(|(sum, value)| *sum += value);
         self.second.iter_mut().zip([x * x, x * y, y * y]).for_each(|(sum, value)| *sum += value);
     }
 
     fn covariance_determinant(&self) -> f64 {
-        let [x, y, ..] = self.first.map(|sum| sum / self.count);
+        let [x, y] = self.first.map(|sum| sum / self.count);
         let [xx, xy, yy] = self.second.map(|sum| sum / self.count);
         (xx - x * x) * (yy - y * y) - (xy - x * y) * (xy - x * y)
     }
@@ -87,9 +76,7 @@ mod tests {
     fn what_all_particles_see_alike_has_no_area() {
         let values = landmark(4);
         let same = [1.0; 4];
-        let relation = Relation::of([&same, &same, &same], &Rows::new(&values, 4)).unwrap();
-        assert!(relation.area_m2 < 1e-9, "{relation:?}");
-        assert_eq!(relation.landmark_in_world, [5.0, 1.0]);
+        assert!(disagreement_m2([&same, &same, &same], &Rows::new(&values, 4)).unwrap() < 1e-9);
     }
 
     #[test]
@@ -98,15 +85,15 @@ mod tests {
         let values = landmark(5);
         let (x, y) = ([-1.0, 1.0, -1.0, 1.0, 90.0], [-2.0, -2.0, 2.0, 2.0, 90.0]);
         for heading in [0.0, 0.8] {
-            let relation = Relation::of([&x, &y, &[heading; 5]], &Rows::new(&values, 5)).unwrap();
+            let area = disagreement_m2([&x, &y, &[heading; 5]], &Rows::new(&values, 5)).unwrap();
             let expected = std::f64::consts::PI * GATE * 2.0;
-            assert!((relation.area_m2 - expected).abs() < 1e-9, "{relation:?} for {expected}");
+            assert!((area - expected).abs() < 1e-9, "{area} for {expected}");
         }
     }
 
     #[test]
     fn one_particle_knows_no_disagreement() {
         let values = landmark(2);
-        assert_eq!(Relation::of([&[0.0, 1.0], &[0.0; 2], &[0.0; 2]], &Rows::new(&values, 2)), None);
+        assert_eq!(disagreement_m2([&[0.0, 1.0], &[0.0; 2], &[0.0; 2]], &Rows::new(&values, 2)), None);
     }
 }

@@ -16,7 +16,7 @@ mod table;
 pub(crate) use crate::belief::by_robot_pose;
 pub use crate::belief::Belief;
 pub use crate::sighting::{Appearance, ScanSighting};
-pub use ambiguity::Relation;
+pub use ambiguity::{area_m2, disagreement_m2, GATE};
 pub use assignment::{assign, decide_assignment};
 pub use choice::Scratch;
 pub use decide::{decide, Outcome};

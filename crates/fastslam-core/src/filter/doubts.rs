@@ -7,18 +7,16 @@
 //!   to lie there, none of them decides. The sighting founds a landmark, and joint evidence decides at a draw.
 //! - *Suspects*: landmarks founded where an old one may lie. A few together are enough to close a loop.
 //!
-//! All draws together are allowed about as much work as the filter itself, counted by sizes, not by the clock.
+//! All draws together are allowed twice the work of the filter itself, counted by sizes, not by the clock.
 
 use super::need::Need;
 use super::scan::ScanSighting;
 use super::FastSlam;
-use crate::association::{CandidateTable, Relation};
+use crate::association::{area_m2, disagreement_m2, CandidateTable, GATE};
 use crate::config::Algorithm;
-use crate::geometry::{Pose, Symmetric2};
+use crate::geometry::Pose;
 use crate::measurement::MeasurementModel;
 
-/// χ² that a two-dimensional Gaussian stays below with 99 %.
-const GATE: f64 = 9.21;
 /// A landmark is ambiguous where so many others are expected within the region (99 %) in which it may lie.
 const MOST_RIVALS: f64 = 0.05;
 /// Particles know better than the sensor where to look for a landmark as long as it may lie in no more than so many
@@ -50,8 +48,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let [x, y, heading, ..] = self.work.beliefs.outline();
         let mut ambiguous = vec![false; table.slots.len()];
         for doubt in doubts {
-            let relation = Relation::of([x, y, heading], &table.rows(doubt.candidate));
-            let area_m2 = relation.map_or(0.0, |relation| relation.area_m2);
+            let area_m2 = disagreement_m2([x, y, heading], &table.rows(doubt.candidate)).unwrap_or(0.0);
             ambiguous[doubt.candidate as usize] = self.is_ambiguous(area_m2, doubt.density, doubt.gate_m2);
         }
         table.of_sighting.iter_mut().for_each(|found| found.retain(|c| !ambiguous[*c as usize]));
@@ -79,7 +76,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let range_m = (at[0] - from.x).hypot(at[1] - from.y);
         let noise = self.models.measurement.noise_covariance();
         let exponent = self.settings.config.filter.likelihood_exponent;
-        std::f64::consts::PI * GATE * range_m * (noise.xx * noise.yy).sqrt() / exponent
+        area_m2(noise.xx * noise.yy) * range_m / exponent
     }
 
     /// Candidates that odometry alone cannot tell from others.
@@ -93,7 +90,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 let candidate = candidate as u32;
                 let Some(at) = table.gaussian(candidate, best).map(|g| g.mean) else { continue };
                 let (covariance, ago) = need.relation(self.state.landmarks.birth(slot), at);
-                let area_m2 = area(&covariance);
+                let area_m2 = area_m2(covariance.determinant());
                 let gate_m2 = self.gate_m2(at, self.state.particles.pose(best));
                 if !self.is_ambiguous(area_m2, f64::INFINITY, gate_m2) {
                     continue;
@@ -149,9 +146,4 @@ impl<M: MeasurementModel> FastSlam<M> {
             distance <= GATE
         })
     }
-}
-
-/// Area of the ellipse that holds 99 %, square metres.
-fn area(covariance: &Symmetric2) -> f64 {
-    std::f64::consts::PI * GATE * covariance.determinant().max(0.0).sqrt()
 }

@@ -219,8 +219,8 @@ impl<M: MeasurementModel> FastSlam<M> {
         Ok(())
     }
 
-    /// After a scan to which a measurement model of one's own left no particle any weight: what the scan did to weights is undone by forgetting them all, and
-    /// what it did to maps by forgetting the landmarks that it made unusable.
+    /// After a scan to which a measurement model of one's own left no particle any weight: what the scan did to weights is
+    /// undone by forgetting them all, and what it did to maps by forgetting the landmarks that it made unusable.
     fn start_anew_with_weights(&mut self) {
         self.state.particles.log_weight.fill(0.0);
         self.state.particles.score.fill(0.0);
