@@ -24,7 +24,7 @@ impl<M: MeasurementModel> Hypothesis for JointHypothesis<'_, M> {
     }
 
     fn identity_mark(&self, candidate: u32) -> f64 {
-        self.filter.landmarks[candidate as usize].identity_mark
+        self.filter.state.landmarks[candidate as usize].identity_mark
     }
 
     fn accept(&mut self, candidate: u32, sighting: &ScanSighting) {
@@ -57,10 +57,10 @@ impl<M: MeasurementModel> EkfSlam<M> {
     /// **Why:** a linear search is as nothing beside the correction, and traces bound the largest eigenvalues.
     fn candidates(&self, scan: &[ScanSighting]) -> Vec<Vec<u32>> {
         let reach = self.rules.gate_radius(&self.model, self.config.sensor.tail());
-        let sensor = self.pose.compose(self.T_robot_sensor);
+        let sensor = self.state.pose.compose(self.T_robot_sensor);
         let lever_arm_m = self.T_robot_sensor.x.hypot(self.T_robot_sensor.y);
-        let pose = self.covariance.of_pose();
-        let spread_m: Vec<f64> = (0..self.landmarks.len() as u32)
+        let pose = self.state.covariance.of_pose();
+        let spread_m: Vec<f64> = (0..self.state.landmarks.len() as u32)
             .map(|index| {
                 let p = self.landmark_covariance(index);
                 (p.xx + p.yy).sqrt()
@@ -77,8 +77,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
                 (u - x).hypot(v - y) <= reach * ((2.0 * variance).sqrt() + spread_m[index as usize])
             };
             let mark = sighting.identity.map(|identity| f64::from(identity) + 1.0);
-            (0..self.landmarks.len() as u32)
-                .filter(|&index| near(index) || mark == Some(self.landmarks[index as usize].identity_mark))
+            (0..self.state.landmarks.len() as u32)
+                .filter(|&index| near(index) || mark == Some(self.state.landmarks[index as usize].identity_mark))
                 .collect()
         };
         scan.iter().map(find).collect()

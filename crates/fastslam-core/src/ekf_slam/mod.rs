@@ -61,6 +61,16 @@ pub struct EkfSlam<M = RangeBearing> {
     model: M,
     T_robot_sensor: Pose,
     rules: Rules,
+    state: State,
+    gain: VectorPair,
+    /// Sightings of known landmarks in this scan.
+    seen_again: Vec<SeenAgain>,
+    before: undo::Before,
+}
+
+/// What a step needs of those before it: all that a snapshot holds.
+#[derive(Serialize, Deserialize)]
+struct State {
     pose: Pose,
     /// Motion since the last update.
     pending: MotionGaussian,
@@ -71,14 +81,28 @@ pub struct EkfSlam<M = RangeBearing> {
     covariance: Covariance,
     trail: Vec<(f64, Pose)>,
     steps: u64,
-    gain: VectorPair,
     /// Whether all this can be believed.
     watch: Watch,
     /// What the sliding window said of the noise when it was last looked at.
     noise_report: NoiseReport,
-    /// Sightings of known landmarks in this scan.
-    seen_again: Vec<SeenAgain>,
-    before: undo::Before,
+}
+
+impl State {
+    /// At the configured initial pose with an empty map.
+    fn new(config: &Config) -> Self {
+        Self {
+            pose: config.initial_pose.T_world_robot(),
+            pending: MotionGaussian::default(),
+            landmarks: Vec::new(),
+            of_identity: FxHashMap::default(),
+            mean: vec![0.0; TILE],
+            covariance: Covariance::new(),
+            trail: Vec::new(),
+            steps: 0,
+            watch: Watch::new(config.health, FieldOfView::of(config)),
+            noise_report: NoiseReport::default(),
+        }
+    }
 }
 
 /// A sighting of a known landmark: as measured, and how it fitted.
@@ -115,17 +139,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
             identities: identities.heeding(config.association.mode),
             T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
             rules: Rules::new(&config, &model),
-            pose: config.initial_pose.T_world_robot(),
-            pending: MotionGaussian::default(),
-            landmarks: Vec::new(),
-            of_identity: FxHashMap::default(),
-            mean: vec![0.0; TILE],
-            covariance: Covariance::new(),
-            trail: Vec::new(),
-            steps: 0,
+            state: State::new(&config),
             gain: VectorPair::new(),
-            watch: Watch::new(config.health, FieldOfView::of(&config)),
-            noise_report: NoiseReport::default(),
             seen_again: Vec::new(),
             before: undo::Before::default(),
             model,
@@ -148,7 +163,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
     /// **Why:** only the pose moves, so controls are gathered at O(1) and enter the joint covariance at the next update.
     pub fn advance(&mut self, part: &RowPart) -> Result<()> {
         let motion = self.config.motion.of(part)?;
-        self.pending = self.pending.then(&motion).checked(part)?;
+        self.state.pending = self.state.pending.then(&motion).checked(part)?;
         Ok(())
     }
 
@@ -162,7 +177,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
     }
 
     fn take_in(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
-        let mut info = StepInfo { step: self.steps, effective_sample_size: 1.0, sampled: true, ..StepInfo::default() };
+        let mut info =
+            StepInfo { step: self.state.steps, effective_sample_size: 1.0, sampled: true, ..StepInfo::default() };
         let mut scan: Vec<_> =
             usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped).collect();
         info.sightings = scan.len() as u32;
@@ -175,7 +191,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
             _ => self.correct_associated(&scan, &mut info)?,
         };
         for sighting in new {
-            match sighting.identity.and_then(|identity| self.of_identity.get(&identity).copied()) {
+            match sighting.identity.and_then(|identity| self.state.of_identity.get(&identity).copied()) {
                 // A second sighting of a landmark that this scan created.
                 Some(index) if self.identities == Identities::All => {
                     info.log_likelihood +=
@@ -188,12 +204,12 @@ impl<M: MeasurementModel> EkfSlam<M> {
             }
         }
         self.check_state(&info)?;
-        self.watch.begin(stamp_s, info.sightings);
+        self.state.watch.begin(stamp_s, info.sightings);
         self.note_fits();
-        info.landmarks = self.landmarks.len() as u32;
+        info.landmarks = self.state.landmarks.len() as u32;
         self.judge_health(stamp_s, &mut info);
-        self.trail.push((stamp_s, self.pose));
-        self.steps += 1;
+        self.state.trail.push((stamp_s, self.state.pose));
+        self.state.steps += 1;
         Ok(info)
     }
 
@@ -201,21 +217,21 @@ impl<M: MeasurementModel> EkfSlam<M> {
     fn check_state(&self, info: &StepInfo) -> Result<()> {
         let is_number = |value: &f64| value.abs() <= LARGEST_STATE;
         for (what, sound) in [
-            ("the pose", self.pose.to_array().iter().all(is_number)),
-            ("a landmark", self.mean.iter().all(is_number)),
+            ("the pose", self.state.pose.to_array().iter().all(is_number)),
+            ("a landmark", self.state.mean.iter().all(is_number)),
             ("the likelihood", info.log_likelihood.is_finite()),
         ] {
             if !sound {
-                return Err(Error::NotFinite { step: self.steps, what });
+                return Err(Error::NotFinite { step: self.state.steps, what });
             }
         }
-        let variance = |row: usize| self.covariance.get(row, row);
+        let variance = |row: usize| self.state.covariance.get(row, row);
         let sound = (0..3).all(|row| (-LARGEST_ROUNDING..=LARGEST_STATE).contains(&variance(row)))
-            && (FIRST_LANDMARK..FIRST_LANDMARK + 2 * self.landmarks.len())
+            && (FIRST_LANDMARK..FIRST_LANDMARK + 2 * self.state.landmarks.len())
                 .all(|row| variance(row) > 0.0 && variance(row) <= LARGEST_STATE);
         match sound {
             true => Ok(()),
-            false => Err(Error::NotPositiveDefinite { step: self.steps, what: "the joint covariance" }),
+            false => Err(Error::NotPositiveDefinite { step: self.state.steps, what: "the joint covariance" }),
         }
     }
 
@@ -223,25 +239,25 @@ impl<M: MeasurementModel> EkfSlam<M> {
     /// apart.
     fn note_fits(&mut self) {
         for SeenAgain { value, index, innovation, s } in self.seen_again.drain(..) {
-            self.watch.matched(std::iter::once((value, u64::from(index))), 0);
+            self.state.watch.matched(std::iter::once((value, u64::from(index))), 0);
             let mut scan = PredictedScan { size: 2, ..PredictedScan::default() };
             scan.innovation[..2].copy_from_slice(&innovation);
             scan.covariance[0][..2].copy_from_slice(&[s.xx, s.xy]);
             scan.covariance[1][..2].copy_from_slice(&[s.xy, s.yy]);
-            self.watch.noise.add(&scan);
+            self.state.watch.noise.add(&scan);
         }
     }
 
     /// Gives the verdict on a step.
     fn judge_health(&mut self, stamp_s: f64, info: &mut StepInfo) {
-        (info.particles, info.matched) = (1, self.watch.matches() as u32);
-        self.watch.matched(std::iter::empty(), info.sightings as usize);
-        if self.watch.noise.is_report_due() {
-            self.noise_report = self.watch.noise.of_window();
+        (info.particles, info.matched) = (1, self.state.watch.matches() as u32);
+        self.state.watch.matched(std::iter::empty(), info.sightings as usize);
+        if self.state.watch.noise.is_report_due() {
+            self.state.noise_report = self.state.watch.noise.of_window();
         }
-        let report = &self.noise_report;
+        let report = &self.state.noise_report;
         (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
-        let births_before = self.landmarks.len() as u64 - u64::from(info.new_landmarks);
+        let births_before = self.state.landmarks.len() as u64 - u64::from(info.new_landmarks);
         let PoseEstimate { mean: T_world_robot, covariance: pose_covariance } = self.pose();
         let (particles, effective_sample_size, map_in_view) = (1, 1.0, None);
         let vitals = Vitals {
@@ -255,31 +271,31 @@ impl<M: MeasurementModel> EkfSlam<M> {
             map_in_view,
         };
         let model = &self.model;
-        info.health = self.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
+        info.health = self.state.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
     }
 
     /// Leaves out the sightings of a scan that name a landmark which cannot be seen there, while the others fit; gives up
     /// landmarks that were founded by such a sighting.
     fn doubt_names(&mut self, scan: &mut Vec<ScanSighting>, info: &mut StepInfo) {
         let slot = |filter: &Self, sighting: &ScanSighting| {
-            sighting.identity.and_then(|identity| Some((identity, *filter.of_identity.get(&identity)?)))
+            sighting.identity.and_then(|identity| Some((identity, *filter.state.of_identity.get(&identity)?)))
         };
         let known: Vec<(usize, u32, u32)> =
             scan.iter().enumerate().filter_map(|(j, s)| slot(self, s).map(|(name, index)| (j, name, index))).collect();
-        let gate = IMPLAUSIBLE * self.watch.noise.usual_excess();
+        let gate = IMPLAUSIBLE * self.state.watch.noise.usual_excess();
         let implausible = |&(j, _, index): &(usize, u32, u32)| {
             let view = self.view(index, &scan[j].measured);
             fit_with_tail(view.innovation, view.s, scan[j].measured.tail).mahalanobis_squared > gate
         };
         let misfits: Vec<(usize, u32, u32)> = known.iter().copied().filter(implausible).collect();
-        if !self.watch.names.may_doubt(known.len(), misfits.len()) {
+        if !self.state.watch.names.may_doubt(known.len(), misfits.len()) {
             return;
         }
         for &(j, identity, index) in misfits.iter().rev() {
             let misfit = self.misfit(&scan[j], identity, index);
-            if self.watch.names.doubt(&misfit) == Doubt::Move {
-                self.landmarks[index as usize].is_given_up = true;
-                self.of_identity.remove(&identity);
+            if self.state.watch.names.doubt(&misfit) == Doubt::Move {
+                self.state.landmarks[index as usize].is_given_up = true;
+                self.state.of_identity.remove(&identity);
             } else {
                 scan.remove(j);
                 info.ignored += 1;
@@ -288,8 +304,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
     }
 
     fn misfit(&self, sighting: &ScanSighting, identity: u32, index: u32) -> Misfit {
-        let (measured, sensor) = (&sighting.measured, self.pose.compose(self.T_robot_sensor));
-        let agrees = self.watch.names.other_place(identity).is_some_and(|place| {
+        let (measured, sensor) = (&sighting.measured, self.state.pose.compose(self.T_robot_sensor));
+        let agrees = self.state.watch.names.other_place(identity).is_some_and(|place| {
             let linear = self.model.linearize(sensor, place);
             let innovation = self.model.innovation(measured.value, linear.expected);
             // As uncertain as one more sighting, and as the view of the landmark that the name has.
@@ -297,19 +313,21 @@ impl<M: MeasurementModel> EkfSlam<M> {
             let s = Symmetric2::new(s.xx + measured.noise.xx, s.xy + measured.noise.xy, s.yy + measured.noise.yy);
             fit_with_tail(innovation, s, measured.tail).mahalanobis_squared <= IMPLAUSIBLE
         });
-        let held =
-            NamedPlace { position_m: self.landmark_mean(index), sightings: self.landmarks[index as usize].sightings };
+        let held = NamedPlace {
+            position_m: self.landmark_mean(index),
+            sightings: self.state.landmarks[index as usize].sightings,
+        };
         Misfit { identity, position_m: self.model.inverse(sensor, measured.value), agrees, held }
     }
 
     /// Names that were seen at two places.
     pub fn two_places(&self) -> Vec<TwoPlaces> {
-        self.watch.names.two_places()
+        self.state.watch.names.two_places()
     }
 
     /// What the innovations so far say of the configured noise.
     pub fn noise_report(&self) -> NoiseReport {
-        self.watch.noise.of_run()
+        self.state.watch.noise.of_run()
     }
 
     /// Corrects the landmarks that are known and returns the sightings of others.
@@ -320,7 +338,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
     ) -> Result<Vec<&'a ScanSighting>> {
         let mut new = Vec::new();
         for sighting in scan {
-            match sighting.identity.and_then(|identity| self.of_identity.get(&identity).copied()) {
+            match sighting.identity.and_then(|identity| self.state.of_identity.get(&identity).copied()) {
                 Some(index) => {
                     info.log_likelihood +=
                         self.rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
@@ -333,10 +351,10 @@ impl<M: MeasurementModel> EkfSlam<M> {
 
     /// Brings the motion since the last update into pose and covariance.
     fn move_pose(&mut self) {
-        let motion = std::mem::take(&mut self.pending);
-        let (moved, by_pose) = moved_by(self.pose, motion.mean);
-        self.covariance.move_pose(&by_pose, &motion.covariance_in_world(self.pose.heading));
-        self.pose = moved;
+        let motion = std::mem::take(&mut self.state.pending);
+        let (moved, by_pose) = moved_by(self.state.pose, motion.mean);
+        self.state.covariance.move_pose(&by_pose, &motion.covariance_in_world(self.state.pose.heading));
+        self.state.pose = moved;
     }
 
     fn row(index: u32) -> usize {
@@ -345,18 +363,18 @@ impl<M: MeasurementModel> EkfSlam<M> {
 
     fn landmark_mean(&self, index: u32) -> [f64; 2] {
         let row = Self::row(index);
-        [self.mean[row], self.mean[row + 1]]
+        [self.state.mean[row], self.state.mean[row + 1]]
     }
 
     fn landmark_covariance(&self, index: u32) -> Symmetric2 {
-        let (row, p) = (Self::row(index), &self.covariance);
+        let (row, p) = (Self::row(index), &self.state.covariance);
         Symmetric2::new(p.get(row, row), p.get(row + 1, row), p.get(row + 1, row + 1))
     }
 
     fn view(&self, index: u32, measured: &Measured) -> View {
-        let sensor = self.pose.compose(self.T_robot_sensor);
+        let sensor = self.state.pose.compose(self.T_robot_sensor);
         let linear = self.model.linearize(sensor, self.landmark_mean(index));
-        let by_pose = by_robot_pose(linear.by_pose, self.pose, sensor);
+        let by_pose = by_robot_pose(linear.by_pose, self.state.pose, sensor);
         let row = Self::row(index);
         let h = SparseRows {
             columns: [0, 1, 2, row, row + 1],
@@ -365,7 +383,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
                 [x, y, heading, u, v]
             }),
         };
-        let [[xx, xy], [_, yy]] = self.covariance.projected(&h);
+        let [[xx, xy], [_, yy]] = self.state.covariance.projected(&h);
         View {
             innovation: self.model.innovation(measured.value, linear.expected),
             h,
@@ -386,15 +404,15 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let s = Symmetric2::new(view.s.xx + more.xx, view.s.xy + more.xy, view.s.yy + more.yy);
         if !s.is_positive_definite() {
             let what = "the innovation covariance of a sighting";
-            return Err(Error::NotPositiveDefinite { step: self.steps, what });
+            return Err(Error::NotPositiveDefinite { step: self.state.steps, what });
         }
         let l00 = s.xx.sqrt();
         let l10 = s.xy / l00;
         let l11 = (s.yy - l10 * l10).sqrt();
         let y0 = view.innovation[0] / l00;
         let y1 = (view.innovation[1] - l10 * y0) / l11;
-        self.covariance.times_transposed(&view.h, &mut self.gain);
-        for (pair, mean) in self.gain.chunks_exact_mut(2 * TILE).zip(self.mean.chunks_exact_mut(TILE)) {
+        self.state.covariance.times_transposed(&view.h, &mut self.gain);
+        for (pair, mean) in self.gain.chunks_exact_mut(2 * TILE).zip(self.state.mean.chunks_exact_mut(TILE)) {
             for a in 0..TILE {
                 let w0 = pair[a] / l00;
                 let w1 = (pair[TILE + a] - l10 * w0) / l11;
@@ -403,25 +421,29 @@ impl<M: MeasurementModel> EkfSlam<M> {
             }
         }
         let step: [f64; 3] = std::array::from_fn(|i| self.gain[i] * y0 + self.gain[TILE + i] * y1);
-        self.pose = Pose::new(self.pose.x + step[0], self.pose.y + step[1], wrap_angle(self.pose.heading + step[2]));
-        self.covariance.subtract_outer(&self.gain);
-        self.landmarks[index as usize].sightings += 1;
+        self.state.pose = Pose::new(
+            self.state.pose.x + step[0],
+            self.state.pose.y + step[1],
+            wrap_angle(self.state.pose.heading + step[2]),
+        );
+        self.state.covariance.subtract_outer(&self.gain);
+        self.state.landmarks[index as usize].sightings += 1;
         self.mark_identity(index, sighting.identity);
         Ok(fit)
     }
 
     fn mark_identity(&mut self, index: u32, identity: Option<u32>) {
         let Some(identity) = identity else { return };
-        let landmark = &mut self.landmarks[index as usize];
+        let landmark = &mut self.state.landmarks[index as usize];
         (landmark.identity, landmark.identity_mark) = (Some(identity), f64::from(identity) + 1.0);
-        self.of_identity.entry(identity).or_insert(index);
+        self.state.of_identity.entry(identity).or_insert(index);
     }
 
     /// Adds a landmark g⁻¹(z, s), uncertain by the noise and, as the others, by the pose.
     fn add(&mut self, sighting: &ScanSighting) {
-        let index = self.landmarks.len() as u32;
+        let index = self.state.landmarks.len() as u32;
         let row = Self::row(index);
-        let values = self.pose.to_array();
+        let values = self.state.pose.to_array();
         let variable = |i: usize, value: f64| Dual::<5>::variable(value, i);
         let robot = Pose::new(variable(0, values[0]), variable(1, values[1]), variable(2, values[2]));
         let [x, y, yaw] = self.T_robot_sensor.to_array().map(<Dual<5> as crate::real::Real>::constant);
@@ -429,40 +451,41 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let place = self.model.inverse(robot.compose(Pose::new(x, y, yaw)), [variable(3, z[0]), variable(4, z[1])]);
         let by_pose = place.map(|v| [v.gradient[0], v.gradient[1], v.gradient[2]]);
         let own = sighting.measured.noise.transformed(place.map(|v| [v.gradient[3], v.gradient[4]]));
-        self.covariance.add_landmark(row, &by_pose, [[own.xx, own.xy], [own.xy, own.yy]]);
-        self.mean.resize((row + 2).next_multiple_of(TILE), 0.0);
-        (self.mean[row], self.mean[row + 1]) = (place[0].value, place[1].value);
-        self.landmarks.push(Landmark { identity_mark: 0.0, identity: None, sightings: 1, is_given_up: false });
+        self.state.covariance.add_landmark(row, &by_pose, [[own.xx, own.xy], [own.xy, own.yy]]);
+        self.state.mean.resize((row + 2).next_multiple_of(TILE), 0.0);
+        (self.state.mean[row], self.state.mean[row + 1]) = (place[0].value, place[1].value);
+        self.state.landmarks.push(Landmark { identity_mark: 0.0, identity: None, sightings: 1, is_given_up: false });
         self.mark_identity(index, sighting.identity);
     }
 
     /// Mean and covariance of the pose after the last update.
     pub fn pose(&self) -> PoseEstimate {
-        PoseEstimate { mean: self.pose, covariance: self.covariance.of_pose() }
+        PoseEstimate { mean: self.state.pose, covariance: self.state.covariance.of_pose() }
     }
 
     /// Mean and covariance of the pose with the motion since the last update.
     pub fn predicted_pose(&self) -> PoseEstimate {
-        let (mean, by_pose) = moved_by(self.pose, self.pending.mean);
-        let old = transform3(&by_pose, &self.covariance.of_pose());
-        let noise = self.pending.covariance_in_world(self.pose.heading);
+        let (mean, by_pose) = moved_by(self.state.pose, self.state.pending.mean);
+        let old = transform3(&by_pose, &self.state.covariance.of_pose());
+        let noise = self.state.pending.covariance_in_world(self.state.pose.heading);
         let covariance = std::array::from_fn(|i| std::array::from_fn(|j| old[i][j] + noise[i][j]));
         PoseEstimate { mean, covariance }
     }
 
     /// Motion since the last update.
     pub fn pending_motion(&self) -> MotionGaussian {
-        self.pending
+        self.state.pending
     }
 
     /// The pose after each update. The filter forgets past poses, so this is no smoothed path.
     pub fn trail(&self) -> &[(f64, Pose)] {
-        &self.trail
+        &self.state.trail
     }
 
     /// The map, in the order of creation.
     pub fn map(&self) -> MapEstimate {
         let landmarks = self
+            .state
             .landmarks
             .iter()
             .zip(0..)
@@ -484,13 +507,16 @@ impl<M: MeasurementModel> EkfSlam<M> {
 
     /// Covariance of (x, y, heading, x₀, y₀, x₁, …), in row order.
     pub fn joint_covariance(&self) -> Vec<f64> {
-        let rows: Vec<usize> = (0..3).chain(FIRST_LANDMARK..FIRST_LANDMARK + 2 * self.landmarks.len()).collect();
-        rows.iter().flat_map(|&i| rows.iter().map(move |&j| self.covariance.get(i.max(j), i.min(j)))).collect()
+        let rows: Vec<usize> = (0..3).chain(FIRST_LANDMARK..FIRST_LANDMARK + 2 * self.state.landmarks.len()).collect();
+        rows.iter().flat_map(|&i| rows.iter().map(move |&j| self.state.covariance.get(i.max(j), i.min(j)))).collect()
     }
 
     /// What the joint covariance occupies.
     pub fn usage(&self) -> StoreUsage {
-        StoreUsage { rows: self.landmarks.len(), bytes: self.covariance.bytes() + 8 * self.mean.len() }
+        StoreUsage {
+            rows: self.state.landmarks.len(),
+            bytes: self.state.covariance.bytes() + 8 * self.state.mean.len(),
+        }
     }
 }
 

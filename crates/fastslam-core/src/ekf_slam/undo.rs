@@ -22,23 +22,23 @@ impl<M: MeasurementModel> EkfSlam<M> {
     /// Takes note of the state, which costs as much as a few rows of the covariance.
     pub(super) fn remember(&mut self) {
         let before = &mut self.before;
-        (before.pose, before.pending) = (self.pose, self.pending);
-        before.landmarks.clone_from(&self.landmarks);
-        before.of_identity.clone_from(&self.of_identity);
-        before.mean.clone_from(&self.mean);
-        before.names.clone_from(&self.watch.names);
-        self.covariance.remember();
+        (before.pose, before.pending) = (self.state.pose, self.state.pending);
+        before.landmarks.clone_from(&self.state.landmarks);
+        before.of_identity.clone_from(&self.state.of_identity);
+        before.mean.clone_from(&self.state.mean);
+        before.names.clone_from(&self.state.watch.names);
+        self.state.covariance.remember();
     }
 
     /// Makes the state what it was when it was last remembered.
     pub(super) fn go_back(&mut self) {
         let before = &mut self.before;
-        (self.pose, self.pending) = (before.pose, before.pending);
-        std::mem::swap(&mut self.landmarks, &mut before.landmarks);
-        std::mem::swap(&mut self.of_identity, &mut before.of_identity);
-        std::mem::swap(&mut self.mean, &mut before.mean);
-        std::mem::swap(&mut self.watch.names, &mut before.names);
+        (self.state.pose, self.state.pending) = (before.pose, before.pending);
+        std::mem::swap(&mut self.state.landmarks, &mut before.landmarks);
+        std::mem::swap(&mut self.state.of_identity, &mut before.of_identity);
+        std::mem::swap(&mut self.state.mean, &mut before.mean);
+        std::mem::swap(&mut self.state.watch.names, &mut before.names);
         self.seen_again.clear();
-        self.covariance.go_back(FIRST_LANDMARK + 2 * self.landmarks.len());
+        self.state.covariance.go_back(FIRST_LANDMARK + 2 * self.state.landmarks.len());
     }
 }
