@@ -31,7 +31,13 @@ REFERENCE = {
     ),
     "studies": (
         "Python: simulations and studies",
-        *("fastslam.simulation", "fastslam.calibration", "fastslam.monte_carlo", "fastslam.sweep"),
+        *(
+            "fastslam.simulation",
+            "fastslam.calibration",
+            "fastslam.tuning",
+            "fastslam.monte_carlo",
+            "fastslam.sweep",
+        ),
         "fastslam.reproduce",
     ),
 }

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from .log import Log
     from .result import RunResult
     from .runner import run, run_many
+    from .tuning import tune
 
 __all__ = [
     "Config",
@@ -27,6 +28,7 @@ __all__ = [
     "load",
     "run",
     "run_many",
+    "tune",
 ]
 
 _MODULE_OF = {
@@ -40,6 +42,7 @@ _MODULE_OF = {
     "load": "datasets",
     "run": "runner",
     "run_many": "runner",
+    "tune": "tuning",
 }
 _MODULES = (
     *(
@@ -55,7 +58,7 @@ _MODULES = (
         "log",
     ),
     *("monte_carlo", "outputs", "plots", "report", "result", "resultfiles", "runner", "settings"),
-    *("simulation", "sweep"),
+    *("simulation", "sweep", "tuning"),
 )
 __getattr__ = lazy_names(__name__, _MODULE_OF, modules=_MODULES)
 

@@ -87,11 +87,11 @@ def solve_batch(batch: Batch, *, most_iterations: int = 40) -> Solution:
     first, converged = batch, False
     known = np.array([True, True])
     for _ in range(most_iterations):
-        residuals, jacobian = _sightings(batch)
+        residuals, jacobian = sighting_residuals(batch)
         equations = _normal_equations(
             batch, residuals, jacobian, _weights(batch, residuals)[0], first.parameters
         )
-        factor = _factor(equations.matrix)
+        factor = factorised(equations.matrix)
         step = factor.solve(equations.rhs)
         step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-12))
         redundancy = _redundancy(factor, equations.rows[: 2 * len(batch.pose)])
@@ -108,7 +108,7 @@ def solve_batch(batch: Batch, *, most_iterations: int = 40) -> Solution:
     return Solution(batch, _covariance(batch, first.parameters), known, converged)
 
 
-def _factor(matrix: Any) -> Any:
+def factorised(matrix: Any) -> Any:
     # In this order, poses along the path first, nothing fills in but the border of landmarks.
     from scipy.sparse.linalg import splu
 
@@ -130,10 +130,10 @@ def _covariance(batch: Batch, first_parameters: Floats) -> Floats:
     Zeger 1986). Residuals are enlarged by the share of the noise that the fit has followed. Never less than
     what independent errors would give.
     """
-    residuals, jacobian = _sightings(batch)
+    residuals, jacobian = sighting_residuals(batch)
     weights, curvature = _weights(batch, residuals)
     scores = _normal_equations(batch, residuals, jacobian, weights, first_parameters)
-    factor = _factor(_normal_equations(batch, residuals, jacobian, curvature, first_parameters).matrix)
+    factor = factorised(_normal_equations(batch, residuals, jacobian, curvature, first_parameters).matrix)
     columns = _last_columns(factor, scores.matrix.shape[0])
     sightings = 2 * len(batch.pose)
     share = np.ones(len(scores.residuals))
@@ -188,7 +188,7 @@ def _with_noise(batch: Batch, residuals: Floats, redundancy: Floats) -> Batch:
     return replace(batch, range_std_m=range_std_m, bearing_std_rad=bearing_std_rad)
 
 
-def _sightings(batch: Batch) -> tuple[Floats, tuple[Floats, Floats, Floats]]:
+def sighting_residuals(batch: Batch) -> tuple[Floats, tuple[Floats, Floats, Floats]]:
     """Expected minus reported (S, 2); derivatives (S, 2, n) by pose, landmark and parameters."""
     scale, bias_m, x_m, y_m, yaw_rad = batch.parameters
     pose = batch.poses[batch.pose]
@@ -214,7 +214,7 @@ def _sightings(batch: Batch) -> tuple[Floats, tuple[Floats, Floats, Floats]]:
     return residuals, (by_pose, by_landmark, by_parameters * batch.free)
 
 
-def _odometry(batch: Batch) -> tuple[Floats, tuple[Floats, Floats]]:
+def odometry_residuals(batch: Batch) -> tuple[Floats, tuple[Floats, Floats]]:
     """Motion of the path minus that of the odometry (K - 1, 3); derivatives by the poses before and after."""
     before, after = batch.poses[:-1], batch.poses[1:]
     cosine, sine = np.cos(before[:, 2]), np.sin(before[:, 2])
@@ -251,11 +251,11 @@ def _normal_equations(
         at_landmark + 2 * batch.landmark[:, None] + np.arange(2),
         np.broadcast_to(at_parameters + np.arange(len(PARAMETERS)), (len(batch.pose), len(PARAMETERS))),
     ]
-    seen = _rows([d * whiten[:, :, None] for d in derivatives], columns, size)
-    error, by_motion = _odometry(batch)
+    seen = sparse_rows([d * whiten[:, :, None] for d in derivatives], columns, size)
+    error, by_motion = odometry_residuals(batch)
     root = np.swapaxes(np.linalg.cholesky(np.linalg.inv(batch.motion_covariance)), 1, 2)
     index = 3 * np.arange(poses - 1)[:, None] + np.arange(3)
-    moved = _rows([root @ d for d in by_motion], [index, index + 3], size)
+    moved = sparse_rows([root @ d for d in by_motion], [index, index + 3], size)
     pull, target = _priors(batch, first_parameters, size)
     stacked = sparse.vstack([seen, moved]).tocsr()
     values = np.concatenate([(residuals * whiten).ravel(), np.einsum("kij,kj->ki", root, error).ravel()])
@@ -279,7 +279,7 @@ def _priors(batch: Batch, first_parameters: Floats, size: int) -> tuple[Floats, 
     return pull, target
 
 
-def _rows(blocks: list[Floats], columns: list[Any], size: int) -> Any:
+def sparse_rows(blocks: list[Floats], columns: list[Any], size: int) -> Any:
     """A sparse matrix of rows in which blocks (N, R, C) stand at columns (N, C)."""
     count, height = blocks[0].shape[:2]
     row = (np.arange(count * height).reshape(count, height, 1),)

@@ -15,9 +15,11 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from ._batch import BLOCKS, PARAMETERS, Batch, Solution, solve_batch
+from ._between import motion_between
 from ._quantiles import student_t_quantile
 from .config import Config, merge
-from .detection import robot_twists, with_sightings
+from .dead_reckoning import arc_twists
+from .detection import with_sightings
 from .errors import ConfigError, DataError
 from .evaluation.align import align_points
 from .log import Controls, Floats, Ints, Log
@@ -217,34 +219,10 @@ def _path_at(result: RunResult, stamp_s: Floats) -> Floats:
 
 def _odometry(controls: Controls, motion: dict[str, Any], stamp_s: Floats) -> tuple[Floats, Floats]:
     """Motion from each stamp to the next (K - 1, 3) by the controls, with its covariance (K - 1, 3, 3)."""
-    twists = robot_twists(controls, motion)
+    twists = arc_twists(controls, motion)
     density = _noise_density(controls, motion, twists)
-    edges = np.unique(np.concatenate([stamp_s, controls.stamp_s]))
-    edges = edges[(edges >= stamp_s[0]) & (edges <= stamp_s[-1])]
-    dt_s = np.diff(edges)
-    held = np.clip(np.searchsorted(controls.stamp_s, edges[:-1], side="right") - 1, 0, len(twists) - 1)
-    moving = edges[:-1] >= controls.stamp_s[0]
-    twist = twists[held] * moving[:, None]
-    turn = np.concatenate([[0.0], np.cumsum(twist[:, 2] * dt_s)])
-    middle = turn[:-1] + 0.5 * twist[:, 2] * dt_s
-    chord = np.sinc(0.5 * twist[:, 2] * dt_s / np.pi) * dt_s
-    ahead, left = twist[:, 0] * chord, twist[:, 1] * chord
-    step = np.column_stack(
-        [np.cos(middle) * ahead - np.sin(middle) * left, np.sin(middle) * ahead + np.cos(middle) * left]
-    )
-    place = np.vstack([np.zeros(2), np.cumsum(step, axis=0)])
-    variance = np.vstack([np.zeros(3), np.cumsum(density[held] ** 2 * dt_s[:, None], axis=0)])
-    at = np.searchsorted(edges, stamp_s)
-    apart = np.diff(place[at], axis=0)
-    cosine, sine = np.cos(turn[at[:-1]]), np.sin(turn[at[:-1]])
-    moved = np.column_stack(
-        [
-            cosine * apart[:, 0] + sine * apart[:, 1],
-            cosine * apart[:, 1] - sine * apart[:, 0],
-            np.diff(turn[at]),
-        ]
-    )
-    return moved, _motion_covariance(moved, np.diff(variance[at], axis=0))
+    moved, variance = motion_between(controls, twists, stamp_s, density**2)
+    return moved, _motion_covariance(moved, variance)
 
 
 def _motion_covariance(moved: Floats, variance: Floats) -> Floats:

@@ -122,7 +122,7 @@ class DeadReckoning:
         key = (speed_gain, turn_gain)
         if key not in self._paths:
             controls = _with_gains(self._controls, speed_gain, turn_gain)
-            twists = _twists(controls, self._motion)
+            twists = arc_twists(controls, self._motion)
             whole = chain_increments(_moved(twists[:-1], np.diff(controls.stamp_s)))
             self._paths = {**dict(list(self._paths.items())[-2:]), key: (twists, whole)}
         twists, at_row = self._paths[key]
@@ -143,7 +143,7 @@ def _with_gains(controls: Controls, speed: float, turn: float) -> Controls:
     return replace(controls, values=controls.values * np.array(gains))
 
 
-def _twists(controls: Controls, motion: Layer) -> Floats:
+def arc_twists(controls: Controls, motion: Layer) -> Floats:
     """Velocities (C, 3) whose arcs end where the rows say."""
     twists = robot_twists(controls, dict(motion))
     if controls.values.shape[1] == 2 or len(twists) < 2:

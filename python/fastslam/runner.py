@@ -93,13 +93,14 @@ def run(
             log = with_sightings(log)
     configuration = configure(log, config or {})
     controls, sightings = log.controls, log.sightings
+    delay_s = configuration["sensor"]["delay_s"]
     try:
         with stage("filter"):
             columns = _core.run(
                 configuration.to_json(),
                 controls.stamp_s,
                 controls.values,
-                sightings.stamp_s,
+                sightings.stamp_s - delay_s if delay_s else sightings.stamp_s,
                 sightings.range_m,
                 sightings.bearing_rad,
                 sightings.identity,

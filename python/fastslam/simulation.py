@@ -8,7 +8,7 @@ from typing import Any
 
 from . import _core
 from .errors import ConfigError
-from .log import BeamGeometry, Controls, Log, Scans, Sightings, TruthLandmarks, TruthTrajectory
+from .log import BeamGeometry, Controls, Floats, Log, Scans, Sightings, TruthLandmarks, TruthTrajectory
 from .settings import Layer, Schema, Settings
 
 SCHEMA = Schema(_core.simulation_schema, _core.resolve_simulation, explained_by="fastslam simulate --explain")
@@ -70,7 +70,7 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
         source="simulation",
         format="native",
         controls=Controls(columns["control_stamp_s"], columns["controls"]),
-        sightings=_sightings(columns),
+        sightings=_sightings(columns, complete["sensor"]["delay_s"]),
         # The scans of a laser say nothing of who is who.
         identity_names=names if scans is None else (),
         class_names=tuple(columns["class_names"]),
@@ -120,9 +120,10 @@ def _scans(columns: dict[str, Any], settings: Settings) -> Scans | None:
     )
 
 
-def _sightings(columns: dict[str, Any]) -> Sightings:
+def _sightings(columns: dict[str, Any], delay_s: float) -> Sightings:
+    stamp_s: Floats = columns["sighting_stamp_s"]
     return Sightings(
-        stamp_s=columns["sighting_stamp_s"],
+        stamp_s=stamp_s + delay_s if delay_s else stamp_s,
         range_m=columns["range_m"],
         bearing_rad=columns["bearing_rad"],
         identity=columns["identity"],

@@ -71,7 +71,8 @@ impl Head {
     /// differ.
     pub(crate) fn check(&self, config: &Config, identities: Identities) -> Result<()> {
         let wanted = Self::new(config, identities, "")?;
-        let [theirs, ours] = [self, &wanted].map(|head| serde_json::from_str(&head.configuration).unwrap_or_default());
+        // Read as a configuration, so that keys that came later have their defaults.
+        let [theirs, ours] = [&self.config()?, config].map(|config| serde_json::to_value(config).unwrap_or_default());
         if let Some((key, theirs, ours)) = first_difference("", &without_threads(theirs), &without_threads(ours)) {
             return Err(refused(&format!("it was made with {key} = {theirs}, not {ours}")));
         }

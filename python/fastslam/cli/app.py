@@ -22,6 +22,7 @@ from .reproduce import reproduce_figure
 from .run import run_log
 from .simulate import simulate_log
 from .sweep import sweep
+from .tune import tune_log
 
 app = typer.Typer(
     name="fastslam",
@@ -39,6 +40,7 @@ app.command("simulate", short_help="Simulate a drive and write it as a log with 
 app.command("eval", short_help="Score results against the truth of their log.")(evaluate_results)
 app.command("compare", short_help="Lay several results over each other on one page.")(compare_results)
 app.command("detect", short_help="Detect landmarks in the laser scans of a log.")(detect_landmarks)
+app.command("tune", short_help="Find noise, gains, mounting and delay from a log.")(tune_log)
 app.command("calibrate", short_help="Estimate noise and mounting of the sensor.")(calibrate_sensor)
 app.command("info", short_help="Say what is in a log.")(info)
 app.command("convert", short_help="Write a log in another format.")(convert_log)

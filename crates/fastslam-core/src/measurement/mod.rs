@@ -128,6 +128,9 @@ pub struct Sensor {
     pub range_bias_m: f64,
     /// What the sensor adds to every bearing. A sensor with this alone is one that is mounted turned the other way.
     pub bearing_bias_rad: f64,
+    /// How late the stamps of sightings are against those of the odometry: a sighting is of the pose this long before
+    /// its stamp. Runs over a log apply it; a live filter is told stamps that are right.
+    pub delay_s: f64,
     /// Pose of the sensor on the robot.
     pub mounting: Mounting,
 }
@@ -175,6 +178,7 @@ impl Default for Sensor {
             range_scale: SystematicError::NONE.range_scale,
             range_bias_m: SystematicError::NONE.range_bias_m,
             bearing_bias_rad: SystematicError::NONE.bearing_bias_rad,
+            delay_s: 0.0,
             mounting: Mounting::default(),
         }
     }
@@ -195,6 +199,7 @@ impl Sensor {
             positive("range_scale", self.range_scale)?;
             finite("range_bias_m", self.range_bias_m)?;
             finite("bearing_bias_rad", self.bearing_bias_rad)?;
+            finite("delay_s", self.delay_s)?;
             self.mounting.validate()
         };
         check().map_err(|e| e.within("sensor"))

@@ -1,0 +1,123 @@
+"""`fastslam tune`: the noise and the systematic errors of a log, as settings."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .console import make_table, progress_bar, stderr, stdout
+from .encoding import print_json
+from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings
+
+if TYPE_CHECKING:
+    from ..tuning import Tuning
+    from ..tuning.learn import Value
+
+
+def tune_log(
+    path: LogPath,
+    format: Format = None,
+    robot: Robot = None,
+    run: Run = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    seed: Seed = None,
+    out: Annotated[Path, typer.Option(help="YAML file for the settings found.")] = Path("settings.yaml"),
+    json: Json = False,
+) -> None:
+    """Find the noise, the gains, biases and delay of the odometry, and the mounting of the sensor.
+
+    The first 70 % of the sightings teach, the others judge: what is written explains them better than the
+    settings stated, by 10 nats or more, or the file is empty. At most four runs of the filter are made.
+
+    Settings come from: defaults < the log's own < --config < --set; they say where to begin.
+
+    \b
+    Examples:
+      fastslam tune LOG
+      fastslam run LOG --config settings.yaml
+      fastslam tune MRCLAM_Dataset2 --robot 3 --set association.mode=unknown --out robot3.yaml
+    """
+    from .._yaml import write_yaml
+    from ..config import load_config, merge, parse_assignments
+    from ..datasets.registry import load
+    from ..resultfiles import write_atomically
+    from ..tuning import tune
+
+    given = [*(settings or []), *([] if seed is None else [f"seed={seed}"])]
+    layers = (load_config(config) if config is not None else {}, parse_assignments(given))
+    log = load(path, format=format, robot=robot, run=run)
+    with progress_bar(log.name) as advance:
+        found = tune(log, merge(*layers), progress=advance)
+    written = write_atomically(out, write_yaml(found.settings))
+    if json:
+        print_json({**facts_of(found), "settings_file": str(out)})
+        return
+    show_tuning(log.name, found)
+    typer.echo(written)
+
+
+def show_tuning(name: str, found: Tuning) -> None:
+    """Prints what was learned, what was tried, and what the log does not tell."""
+    headings = ("!parameter", ">stated", ">found", ">95 % interval", "unit", ">nats", "!")
+    if found.values:
+        stdout().print(make_table(name, headings, [_row(value) for value in found.values]))
+    rows = [(a.name, f"{a.evidence:,.0f}", a.fault or "") for a in found.attempts]
+    stdout().print(make_table("evidence", ("settings", f">nats on {found.judged:,} sightings", ""), rows))
+    for sentence in sentences_of(found):
+        stderr().print(f"note: {sentence}", markup=False, highlight=False, soft_wrap=True)
+
+
+def sentences_of(found: Tuning) -> list[str]:
+    """What is worth a sentence beside the table."""
+    hidden = [value.key for value in found.values if not value.observable]
+    sentences = []
+    if hidden:
+        sentences.append(
+            f"this log does not tell {', '.join(hidden)}: drive curves, see landmarks from all sides"
+        )
+    if not found.settings:
+        sentences.append("the settings stated explain the log best: nothing is changed")
+    return sentences
+
+
+def facts_of(found: Tuning) -> dict[str, Any]:
+    """The members of a tuning for JSON."""
+    values = [
+        {
+            "key": value.key,
+            "unit": value.unit,
+            "stated": value.stated,
+            "value": value.value,
+            "interval95": None if math.isnan(value.standard_error) else value.interval95,
+            "observable": value.observable,
+            "set": value.significant,
+        }
+        for value in found.values
+    ]
+    attempts = [{"name": a.name, "evidence": a.evidence, "fault": a.fault} for a in found.attempts]
+    return {
+        "settings": found.settings,
+        "values": values,
+        "evidence_gain": found.evidence_gain,
+        "judged_sightings": found.judged,
+        "attempts": attempts,
+        "notes": sentences_of(found),
+    }
+
+
+def _row(value: Value) -> tuple[str, ...]:
+    from ..evaluation.display import format_number
+
+    stated, found = format_number(value.stated), format_number(value.value)
+    if math.isnan(value.standard_error):
+        return (value.key, stated, found, "", value.unit, "", "")
+    interval = " to ".join(format_number(end) for end in value.interval95)
+    note = "" if value.significant else "kept: chance"
+    if not value.observable:
+        note = "kept: not told"
+    nats = f"{value.log_odds:,.1f}" if value.significant else ""
+    return (value.key, stated, found, interval, value.unit, nats, note)

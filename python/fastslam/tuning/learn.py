@@ -1,0 +1,313 @@
+"""What a stretch of a log says of its noise and systematic errors, given which sightings belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .._batch import BLOCKS, Batch
+from ..config import merge
+from ..datasets.clean import select_sightings
+from ..dead_reckoning import DeadReckoning
+from ..errors import DataError
+from ..log import Floats, Ints, Log, Sightings
+from .motion import DELAY, Known, Links, Part, links, motion_parameters, nested, noise_parts, value_of
+from .noise import correlation_of, fitted_tail, learned_noise
+from .problem import Bordered, Noise, Problem, Rows, linearised, moved_by
+
+SENSOR_KNOWN = (
+    Known("sensor.range_scale", "m/m", 0.0, 0.0),
+    Known("sensor.range_bias_m", "m", 0.2, 0.0),
+    Known("sensor.mounting.x_m", "m", 0.3, 0.0),
+    Known("sensor.mounting.y_m", "m", 0.3, 0.0),
+    Known("sensor.mounting.yaw_rad", "rad", 0.2, 0.0),
+)
+"""In the order of the batch. Ranges are trusted: their scale and the gain of the distance are one thing."""
+MOST_SIGHTINGS = 12_000
+WINDOWS = 6
+LEAST_SIGHTINGS = 200
+LEAST_PER_TRACK = 3
+ITERATIONS = 18
+TAIL_FROM = 8
+ROBUST_TAIL = 4.0
+LARGEST_STEP = 0.5
+SETTLED = 0.02
+LEAST_GAIN = 0.25
+WITHIN_A_ROW = 0.3
+"""A delay is told to this share of a row of odometry at best: a shift by half a row averages the noise of two
+rows, which looks like a better fit."""
+SIGNIFICANT = 3.0
+
+
+@dataclass(frozen=True)
+class Value:
+    """One thing learned: dotted key, unit, what was stated, what the log says and how surely.
+
+    `standard_error` is NaN for noise. `observable` is False where the log says hardly more than the prior;
+    the value stated is then kept.
+    """
+
+    key: str
+    unit: str
+    stated: float
+    value: float
+    standard_error: float = float("nan")
+    observable: bool = True
+
+    @property
+    def significant(self) -> bool:
+        """Whether it is to be set: noise always, errors where they are SIGNIFICANT standard errors off."""
+        if np.isnan(self.standard_error):
+            return True
+        return self.observable and abs(self.value - self.stated) > SIGNIFICANT * self.standard_error
+
+    @property
+    def interval95(self) -> tuple[float, float]:
+        """The interval that holds the true value in 95 % of logs."""
+        half = 2.26 * self.standard_error
+        return self.value - half, self.value + half
+
+    @property
+    def log_odds(self) -> float:
+        """How many nats the learned value explains the stretch better by than the stated one."""
+        return float(0.5 * ((self.value - self.stated) / self.standard_error) ** 2)
+
+
+@dataclass(frozen=True)
+class Learned:
+    """What a stretch of a log taught: the values, the partial settings that hold them, and from how much."""
+
+    values: tuple[Value, ...]
+    settings: dict[str, Any]
+    sightings: int
+    tracks: int
+    correlation: float
+    """So many sightings tell as much as one whose errors did not repeat."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Sightings to learn from, pose (K,) and track (S,) of each; `joined` (K - 1,) by odometry."""
+
+    sightings: Sightings
+    stamp_s: Floats
+    pose: Ints
+    track: Ints
+    joined: Any
+
+
+def usable_sightings(log: Log, until_s: float) -> tuple[Sightings, Ints]:
+    """Sightings to learn from, up to a time, and the window of each: WINDOWS windows where there are many."""
+    seen, controls = log.sightings, log.controls
+    good = np.isfinite(seen.range_m) & np.isfinite(seen.bearing_rad) & (seen.range_m > 0)
+    good &= (seen.stamp_s <= until_s) & (seen.stamp_s >= controls.stamp_s[0])
+    rows = np.flatnonzero(good & (seen.stamp_s <= controls.stamp_s[-1]))
+    window = np.zeros(len(rows), dtype=np.int64)
+    if len(rows) > MOST_SIGHTINGS:
+        place = np.arange(len(rows)) * WINDOWS / len(rows)
+        inside = place % 1.0 < MOST_SIGHTINGS / len(rows)
+        rows, window = rows[inside], place[inside].astype(np.int64)
+        # A scan that a border cuts belongs to the earlier window.
+        stamps, first = np.unique(seen.stamp_s[rows], return_index=True)
+        window = window[first][np.searchsorted(stamps, seen.stamp_s[rows])]
+    return select_sightings(seen, rows), window
+
+
+def stretch_of(sightings: Sightings, window: Ints, track: Ints) -> Stretch:
+    """The stretch with the sightings of tracks of LEAST_PER_TRACK or more. Errors: DataError for too few."""
+    counts = np.bincount(track[track >= 0], minlength=1)
+    kept = (track >= 0) & (counts[np.maximum(track, 0)] >= LEAST_PER_TRACK)
+    if int(kept.sum()) < LEAST_SIGHTINGS:
+        raise DataError(f"{LEAST_SIGHTINGS} sightings of things seen again are needed, got {kept.sum()}")
+    chosen = select_sightings(sightings, kept)
+    stamps, first, pose = np.unique(chosen.stamp_s, return_index=True, return_inverse=True)
+    joined = np.diff(window[kept][first]) == 0
+    return Stretch(chosen, stamps, pose, np.unique(track[kept], return_inverse=True)[1], joined)
+
+
+def wide_noise(log: Log, config: Mapping[str, Any]) -> Floats:
+    """Generous standard deviations (2,) of range and bearing: of their class, or half the stated if more."""
+    sensor, range_m = config["sensor"], log.sightings.range_m
+    usual_m = float(np.median(range_m[np.isfinite(range_m)]))
+    return np.array(
+        [max(0.04 * usual_m, 0.5 * sensor["range_std_m"]), max(0.04, 0.5 * sensor["bearing_std_rad"])]
+    )
+
+
+def start_noise(parts: tuple[Part, ...], tied: Links, wide: Floats) -> Noise:
+    """The noise to begin with: a tenth of the motion and a little more, shared by the parts of each axis."""
+    typical = np.mean(np.abs(tied.motion), axis=0)
+    way_m, turn_rad = np.hypot(typical[0], typical[1]), typical[2]
+    target = np.array([0.1 * way_m + 1e-3, 0.05 * way_m + 5e-4, 0.1 * turn_rad + 2e-3]) ** 2
+    axes = np.array([part.axis for part in parts])
+    squares = target[axes] / np.mean(tied.share, axis=0) / np.bincount(axes, minlength=3)[axes]
+    return Noise(squares, wide**2, ROBUST_TAIL)
+
+
+def learn(
+    log: Log,
+    config: Mapping[str, Any],
+    stretch: Stretch,
+    places: tuple[Floats, Floats],
+    *,
+    stated: Mapping[str, Any],
+) -> Learned:
+    """Learns from a stretch, beginning at complete settings `config`; `stated` are those that the user knows.
+
+    `places` are the poses (K, 3) and the things seen (L, 2) to begin with.
+    """
+    parts = noise_parts(log.controls, config["motion"])
+    known = (*motion_parameters(config["motion"]), *SENSOR_KNOWN)
+    before = np.array([value_of(stated, one.key) for one in known])
+    problem = problem_of(log, config, stretch, places)
+    problem = replace(problem, prior=problem.prior + before - [value_of(config, one.key) for one in known])
+    problem, noise = _settled(log, config, stretch, problem)
+    rows = linearised(problem, noise)
+    solver = Bordered(problem, rows)
+    followed = solver.followed(np.random.default_rng(0))
+    error = np.sqrt(np.diag(_clustered(solver, rows, problem, followed)))
+    delay = [one.key for one in known].index(DELAY)
+    error[delay] = np.hypot(error[delay], WITHIN_A_ROW * float(np.median(np.diff(log.controls.stamp_s))))
+    found = before - (problem.prior - problem.parameters)
+    values = _values(known, before, found, error, problem.prior_std)
+    return _learned(stated, parts, noise, values, (stretch, rows))
+
+
+def _settled(
+    log: Log, config: Mapping[str, Any], stretch: Stretch, problem: Problem
+) -> tuple[Problem, Noise]:
+    """Gauss-Newton steps and steps of the noise in turn, until neither moves or ITERATIONS are over."""
+    parts = noise_parts(log.controls, config["motion"])
+    start = start_noise(parts, problem.links, wide_noise(log, config))
+    noise = start
+    for iteration in range(ITERATIONS):
+        rows = linearised(problem, noise)
+        solver = Bordered(problem, rows)
+        states, parameters = solver.step(np.concatenate([rows.seen.ravel(), rows.moved.ravel()]))
+        size = max(float(np.abs(states).max()), float(np.abs(parameters).max()))
+        shorter = min(1.0, LARGEST_STEP / max(size, 1e-12))
+        problem = moved_by(problem, shorter * states, shorter * parameters)
+        followed = solver.followed(np.random.default_rng(0))
+        # Far from the solution residuals say nothing of noise.
+        newer = learned_noise(problem, rows, followed, noise, start) if shorter > 0.5 else noise
+        change = np.abs(np.log(np.concatenate([newer.seen / noise.seen, newer.squares / noise.squares])))
+        noise = replace(newer, tail=fitted_tail(rows, followed)) if iteration >= TAIL_FROM else newer
+        config, problem = _relinked(log, config, problem, stretch)
+        if iteration > TAIL_FROM + 2 and shorter == 1.0 and float(change.max()) < SETTLED:
+            break
+    return problem, noise
+
+
+def problem_of(
+    log: Log, config: Mapping[str, Any], stretch: Stretch, places: tuple[Floats, Floats]
+) -> Problem:
+    """The least-squares problem of a stretch under complete settings; `places` as for `learn`."""
+    seen, sensor = stretch.sightings, config["sensor"]
+    mounting = sensor["mounting"]
+    parameters = np.array(
+        [sensor["range_scale"], sensor["range_bias_m"], mounting["x_m"], mounting["y_m"], mounting["yaw_rad"]]
+    )
+    known = (*motion_parameters(config["motion"]), *SENSOR_KNOWN)
+    prior_std = np.array([one.prior_std for one in known])
+    tied = links(log.controls, config, stretch.stamp_s)
+    batch = Batch(
+        poses=places[0],
+        landmarks_m=places[1],
+        parameters=parameters,
+        motion=tied.motion,
+        motion_covariance=np.empty((0, 3, 3)),
+        pose=stretch.pose,
+        landmark=stretch.track,
+        range_m=seen.range_m,
+        bearing_rad=seen.bearing_rad - sensor["bearing_bias_rad"],
+        free=np.array([one.prior_std > 0 for one in SENSOR_KNOWN]),
+        surveyed_m=np.full(places[1].shape, np.nan),
+        prior_std=prior_std[-len(SENSOR_KNOWN) :],
+        range_std_m=sensor["range_std_m"],
+        bearing_std_rad=sensor["bearing_std_rad"],
+    )
+    motion = np.zeros(len(known) - len(SENSOR_KNOWN))
+    axes = np.array([part.axis for part in noise_parts(log.controls, config["motion"])])
+    return Problem(batch, tied, axes, stretch.joined, motion, np.concatenate([motion, parameters]), prior_std)
+
+
+def _relinked(
+    log: Log, config: Mapping[str, Any], problem: Problem, stretch: Stretch
+) -> tuple[Mapping[str, Any], Problem]:
+    """The odometry integrated anew under the motion parameters found so far."""
+    known = motion_parameters(config["motion"])
+    moved = [
+        nested(one.key, value_of(config, one.key) + float(change))
+        for one, change in zip(known, problem.motion, strict=True)
+    ]
+    config = merge(config, *moved)
+    tied = links(log.controls, config, stretch.stamp_s)
+    prior = problem.prior.copy()
+    prior[: len(known)] -= problem.motion
+    batch = replace(problem.batch, motion=tied.motion)
+    return config, replace(problem, batch=batch, links=tied, motion=0 * problem.motion, prior=prior)
+
+
+def _clustered(solver: Bordered, rows: Rows, problem: Problem, followed: Floats) -> Floats:
+    """Covariance of the parameters from how much BLOCKS stretches of time disagree (see `calibrate`)."""
+    residuals = np.concatenate([rows.seen.ravel(), rows.moved.ravel()])
+    influence = solver.influence() * (residuals / np.sqrt(np.maximum(1 - followed, 0.1)))[:, None]
+    poses = len(problem.batch.poses)
+    pose = np.concatenate([np.repeat(problem.batch.pose, 2), np.repeat(np.arange(poses - 1), 3)])
+    sums = np.zeros((BLOCKS, influence.shape[1]))
+    np.add.at(sums, pose * BLOCKS // poses, influence)
+    clustered = sums.T @ sums * (BLOCKS / (BLOCKS - 1))
+    ratio = np.sqrt(np.maximum(np.diag(clustered) / np.diag(solver.covariance), 1.0))
+    covariance: Floats = solver.covariance * ratio[:, None] * ratio
+    return covariance
+
+
+def _values(
+    known: tuple[Known, ...], stated: Floats, found: Floats, error: Floats, prior_std: Floats
+) -> tuple[Value, ...]:
+    return tuple(
+        Value(one.key, one.unit, float(before), float(after), float(std), bool(std < LEAST_GAIN * prior))
+        for one, before, after, std, prior in zip(known, stated, found, error, prior_std, strict=True)
+        if prior > 0
+    )
+
+
+def _learned(
+    config: Mapping[str, Any],
+    parts: tuple[Part, ...],
+    noise: Noise,
+    values: tuple[Value, ...],
+    seen: tuple[Stretch, Rows],
+) -> Learned:
+    stretch, rows = seen
+    settings = [nested(value.key, _short(value.value)) for value in values if value.significant]
+    noises = []
+    for part, square in zip(parts, noise.squares, strict=True):
+        value = _short(square if part.squared else np.sqrt(square))
+        settings.append(nested(part.key, value))
+        noises.append(Value(part.key, "", value_of(config, part.key), value))
+    for key, unit, variance in zip(("range_std_m", "bearing_std_rad"), ("m", "rad"), noise.seen, strict=True):
+        value = _short(np.sqrt(variance))
+        settings.append(nested(f"sensor.{key}", value))
+        noises.append(Value(f"sensor.{key}", unit, value_of(config, f"sensor.{key}"), value))
+    settings.append(nested("sensor.tail_degrees_of_freedom", noise.tail))
+    return Learned(
+        values=(*values, *noises),
+        settings=merge(*settings),
+        sightings=len(stretch.track),
+        tracks=int(stretch.track.max()) + 1,
+        correlation=correlation_of(rows, stretch.track, stretch.sightings.stamp_s),
+    )
+
+
+def _short(value: float) -> float:
+    """Four significant digits."""
+    return float(f"{float(value):.4g}")
+
+
+def reckoned(log: Log, config: Mapping[str, Any], stamp_s: Floats) -> Floats:
+    """Poses (K, 3) by the odometry alone at stamps of sightings."""
+    return DeadReckoning(log.controls, config["motion"]).poses_at(stamp_s - config["sensor"]["delay_s"])

@@ -1,0 +1,250 @@
+"""Finds noise and systematic errors of a log, and keeps what explains unseen sightings better."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from ..config import Config, merge
+from ..detection import with_sightings
+from ..errors import DataError, FastSlamError
+from ..examination.hypotheses import AS_IS
+from ..log import Floats, Ints, Log
+from ..result import RunResult
+from ..runner import configure, run
+from ..settings import Layer
+from .begin import Beginning, Tried, beginning
+from .judge import evidence, fault_of
+from .learn import (
+    LEAST_PER_TRACK,
+    Learned,
+    Stretch,
+    Value,
+    learn,
+    problem_of,
+    reckoned,
+    start_noise,
+    stretch_of,
+    usable_sightings,
+    wide_noise,
+)
+from .motion import nested, noise_parts, value_of
+from .problem import Noise, Problem
+from .tracks import Scene, of_map, scene, short_tracks
+
+Progress: TypeAlias = Callable[[int, int], None]
+LEARNED_SHARE = 0.7
+"""Share of the sightings, the first ones, that teach; the others judge."""
+LEAST_NATS = 10.0
+"""So many nats settings must gain on the sightings that judge, or the simpler ones are kept."""
+MOST_RUNS = 4
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Settings that were tried: a name, the settings over the log's own, what they taught, the evidence."""
+
+    name: str
+    settings: dict[str, Any]
+    learned: Learned | None
+    result: RunResult
+    evidence: float
+    fault: str | None
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What was found: the settings to lay over those of the log, and how they came about."""
+
+    settings: dict[str, Any]
+    """Empty where the settings stated explain the log best."""
+    values: tuple[Value, ...]
+    evidence_gain: float
+    """Nats gained on the sightings that judged, over the settings stated."""
+    judged: int
+    """How many sightings judged."""
+    attempts: tuple[Attempt, ...]
+    hypotheses: tuple[Tried, ...]
+    best: Attempt
+
+    @property
+    def result(self) -> RunResult:
+        """The run with the settings found."""
+        return self.best.result
+
+
+def tune(log: Log, config: Layer | None = None, *, progress: Progress | None = None) -> Tuning:
+    """Learns noise, gains, biases, mounting and delay from a log; keeps what explains its rest better.
+
+    `config` is laid over the log's own settings, as for `run`; what it and the log state is where the search
+    begins and what systematic errors are drawn to. At most MOST_RUNS runs of the filter are made. Errors:
+    DataError for a log with too little in it, or where every run was lost or mapped everything twice;
+    ConfigError for the configuration.
+    """
+    log = with_sightings(log)
+    session = _Session(log, configure(log, config or {}), config or {}, progress)
+    start = session.attempt("as stated", {}, None)
+    teaching = replace(log, sightings=usable_sightings(log, session.until_s)[0])
+    begin = beginning(teaching, session.config, wide_noise(log, session.config))
+    tracked = session.learned_from_tracks(begin)
+    attempts = [start, session.attempt("from short tracks", tracked.settings, tracked)]
+    best = _better(attempts)
+    while len(attempts) < MOST_RUNS and best.fault is None:
+        relearned = session.learned_from_map(best)
+        if relearned is None:
+            break
+        attempts.append(
+            session.attempt(f"from the map of run {len(attempts)}", relearned.settings, relearned)
+        )
+        if _better([best, attempts[-1]]) is best:
+            break
+        best = attempts[-1]
+    session.finish()
+    if best.fault is not None:
+        raise DataError(f"nothing can be learned from this log: in the best run {best.fault}", log.source)
+    return Tuning(
+        settings=best.settings,
+        values=best.learned.values if best.learned is not None else (),
+        evidence_gain=best.evidence - start.evidence,
+        judged=int(np.sum(log.sightings.stamp_s > session.until_s)),
+        attempts=tuple(attempts),
+        hypotheses=begin.tried,
+        best=best,
+    )
+
+
+def _better(attempts: list[Attempt]) -> Attempt:
+    """The sound attempt with the highest evidence; an earlier one unless it loses LEAST_NATS."""
+    best = attempts[0]
+    for other in attempts[1:]:
+        sounder = best.fault is not None and other.fault is None
+        if sounder or (
+            other.evidence > best.evidence + LEAST_NATS and (other.fault is None or best.fault is not None)
+        ):
+            best = other
+    return best
+
+
+class _Session:
+    """A log under its stated settings, and the runs made over it so far."""
+
+    def __init__(self, log: Log, config: Config, layer: Layer, progress: Progress | None) -> None:
+        self.log, self.config, self._layer, self._progress = log, config, layer, progress
+        if len(log.sightings.stamp_s) == 0:
+            raise DataError("the log has no sightings to learn from", log.source)
+        self.until_s = float(np.quantile(log.sightings.stamp_s, LEARNED_SHARE))
+        self._named = config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
+        self._runs = 0
+        wide = wide_noise(log, config)
+        noise = {"range_std_m": float(wide[0]), "bearing_std_rad": float(wide[1])}
+        self._common = merge(config, {"sensor": {**noise, "tail_degrees_of_freedom": None}})
+
+    def attempt(self, name: str, settings: dict[str, Any], learned: Learned | None) -> Attempt:
+        """Runs the filter with settings over those stated."""
+
+        def advance(done: int, total: int, number: int = self._runs) -> None:
+            if self._progress is not None:
+                self._progress(number * total + done, MOST_RUNS * total)
+
+        result = run(self.log, merge(self._layer, settings), progress=advance)
+        if result.interrupted:
+            raise KeyboardInterrupt
+        self._runs += 1
+        fault = fault_of(result)
+        nats = evidence(result, self.until_s, self._common)
+        return Attempt(name, settings, learned, result, nats, None if fault is None else fault.message)
+
+    def finish(self) -> None:
+        """Tells the progress that no more runs are made."""
+        if self._progress is not None:
+            self._progress(1, 1)
+
+    def learned_from_tracks(self, begin: Beginning) -> Learned:
+        """Learns from what is followed from scan to scan, twice, for the second time with better odometry."""
+        config, learned = _begun(self.config, begin), None
+        for _ in range(2):
+            stretch, places = self._tracked(config)
+            learned = learn(self.log, config, stretch, places, stated=self.config)
+            config = merge(self.config, _errors_of(learned))
+        assert learned is not None
+        return learned
+
+    def problem_from_tracks(self) -> tuple[Problem, Noise]:
+        """The least-squares problem of the short tracks and its first noise, before anything was learned."""
+        stretch, places = self._tracked(self.config)
+        problem = problem_of(self.log, self.config, stretch, places)
+        parts = noise_parts(self.log.controls, self.config["motion"])
+        return problem, start_noise(parts, problem.links, wide_noise(self.log, self.config))
+
+    def _tracked(self, config: Mapping[str, Any]) -> tuple[Stretch, tuple[Floats, Floats]]:
+        seen, window = usable_sightings(self.log, self.until_s)
+        shown = self._scene(config, reckoned(self.log, config, seen.stamp_s))
+        stretch = stretch_of(seen, window, track := short_tracks(shown))
+        return stretch, (reckoned(self.log, config, stretch.stamp_s), _middles(shown, stretch, track))
+
+    def learned_from_map(self, attempt: Attempt) -> Learned | None:
+        """Learns from the map and the path of a run; None where its landmarks are seen too rarely."""
+        config, result = merge(self.config, attempt.settings), attempt.result
+        seen, window = usable_sightings(self.log, self.until_s)
+        landmarks = result.landmarks
+        shown = self._scene(config, _path_at(result, seen.stamp_s - config["sensor"]["delay_s"]))
+        if self._named:
+            rows = {name: row for row, name in enumerate(landmarks.ids)}
+            of_identity = np.array([rows.get(name, -1) for name in self.log.identity_names] + [-1])
+            track = of_identity[seen.identity]
+        else:
+            spread = np.sqrt(np.maximum(np.trace(landmarks.covariance_m2, axis1=1, axis2=2) / 2, 1e-8))
+            track = of_map(shown, landmarks.mean_m, spread)
+        try:
+            stretch = stretch_of(seen, window, track)
+        except FastSlamError:
+            return None
+        counts = np.bincount(track[track >= 0], minlength=1)
+        used = np.flatnonzero(counts >= LEAST_PER_TRACK)
+        places = _path_at(result, stretch.stamp_s - config["sensor"]["delay_s"]), landmarks.mean_m[used]
+        return learn(self.log, config, stretch, places, stated=self.config)
+
+    def _scene(self, config: Mapping[str, Any], poses: Floats) -> Scene:
+        seen, _ = usable_sightings(self.log, self.until_s)
+        return scene(seen, config["sensor"], poses, wide_noise(self.log, config), named=self._named)
+
+
+def _begun(config: Mapping[str, Any], begin: Beginning) -> dict[str, Any]:
+    """The settings with the hypothesis to begin with."""
+    tried = begin.hypothesis
+    if tried == AS_IS:
+        return dict(config)
+    turn = (
+        "motion.steering_gain" if config["motion"]["model"] == "ackermann" else "motion.correction.turn_gain"
+    )
+    distance = "motion.correction.distance_gain"
+    return merge(
+        config,
+        nested(turn, value_of(config, turn) * tried.turn_gain),
+        nested(distance, value_of(config, distance) * tried.speed_gain),
+        nested("sensor.delay_s", value_of(config, "sensor.delay_s") + tried.delay_s),
+    )
+
+
+def _errors_of(learned: Learned) -> dict[str, Any]:
+    """The systematic errors learned, without the noise."""
+    return merge(*(nested(value.key, value.value) for value in learned.values if value.standard_error >= 0))
+
+
+def _middles(shown: Scene, stretch: Stretch, track: Ints) -> Floats:
+    """Mean place (L, 2) of what each track saw."""
+    counts = np.bincount(track[track >= 0], minlength=1)
+    kept = (track >= 0) & (counts[np.maximum(track, 0)] >= LEAST_PER_TRACK)
+    number = np.bincount(stretch.track)
+    points = shown.point_m[kept]
+    return np.column_stack([np.bincount(stretch.track, points[:, axis]) / number for axis in (0, 1)])
+
+
+def _path_at(result: RunResult, stamp_s: Floats) -> Floats:
+    path = result.path
+    heading = np.unwrap(path.T_world_robot[:, 2])
+    columns = (path.T_world_robot[:, 0], path.T_world_robot[:, 1], heading)
+    return np.column_stack([np.interp(stamp_s, path.stamp_s, column) for column in columns])

@@ -1,0 +1,192 @@
+"""Tuning finds what was put into a log, and keeps nothing that does not explain the log better."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_runner import fastslam
+from fastslam.cli.tune import show_tuning
+from fastslam.config import Config, load_config, merge
+from fastslam.datasets import write_native
+from fastslam.errors import DataError
+from fastslam.log import Log
+from fastslam.result import RunResult
+from fastslam.runner import configure, run
+from fastslam.simulation import resolve_simulation, simulate
+from fastslam.tuning import Tuning, tune
+from fastslam.tuning.judge import evidence, fault_of, log_new_density
+from fastslam.tuning.learn import wide_noise
+from fastslam.tuning.noise import _log_likelihood
+from fastslam.tuning.problem import Bordered, linearised
+from fastslam.tuning.session import _Session
+
+TURN, DISTANCE, DELAY_S = 0.65, 1.06, 0.3
+UNKNOWN = {"association": {"mode": "unknown"}, "filter": {"particles": 15}}
+
+
+def drive(seed: int = 5, *, seconds: float = 25.0) -> Log:
+    """A short drive, its names removed."""
+    log = simulate(resolve_simulation({"seed": seed, "max_duration_s": seconds}, preset="demo"))
+    unnamed = np.full(len(log.sightings.stamp_s), -1, dtype=np.int64)
+    return replace(log, sightings=replace(log.sightings, identity=unnamed))
+
+
+def wrong(log: Log) -> Log:
+    """The log with gains that are off and late sightings."""
+    controls = replace(log.controls, values=log.controls.values / np.array([DISTANCE, TURN]))
+    late = replace(log.sightings, stamp_s=log.sightings.stamp_s + DELAY_S)
+    return replace(log, controls=controls, sightings=late)
+
+
+@pytest.fixture(scope="module")
+def sound() -> Log:
+    return drive()
+
+
+@pytest.fixture(scope="module")
+def broken(sound: Log) -> Log:
+    return wrong(sound)
+
+
+@pytest.fixture(scope="module")
+def found(broken: Log) -> Tuning:
+    return tune(broken, UNKNOWN)
+
+
+def test_gains_and_a_delay_are_found_without_identities(sound: Log, broken: Log, found: Tuning) -> None:
+    value = {one.key: one for one in found.values}
+    turn, distance = value["motion.correction.turn_gain"], value["motion.correction.distance_gain"]
+    assert turn.value == pytest.approx(TURN, abs=0.02) and turn.significant
+    assert distance.value == pytest.approx(DISTANCE, abs=0.02) and distance.significant
+    assert value["sensor.delay_s"].value == pytest.approx(DELAY_S, abs=0.06)
+    assert value["sensor.range_std_m"].value == pytest.approx(0.1, rel=0.15)
+    assert found.evidence_gain > 100 and found.judged > 100
+    as_true = run(sound, UNKNOWN)
+    assert abs(len(found.result.landmarks.ids) - len(as_true.landmarks.ids)) <= 1
+    # What is found is what a run takes.
+    again = run(broken, merge(UNKNOWN, found.settings))
+    assert np.array_equal(again.landmarks.mean_m, found.result.landmarks.mean_m)
+
+
+def test_a_sound_log_with_its_noise_told_is_left_alone_or_gains(sound: Log) -> None:
+    found = tune(sound, UNKNOWN)
+    assert found.evidence_gain >= 0.0
+    assert all(found.best.evidence >= attempt.evidence - 10.0 for attempt in found.attempts)
+    gains = [one for one in found.values if one.key.startswith("motion.correction.")]
+    assert not any(one.significant for one in gains)
+
+
+def test_evidence_does_not_pay_for_new_landmarks(sound: Log) -> None:
+    stated = configure(sound, UNKNOWN)
+    narrow = merge(UNKNOWN, {"sensor": {"range_std_m": 0.02, "bearing_std_rad": 0.005}})
+    right, too_narrow = run(sound, UNKNOWN), run(sound, narrow)
+    assert len(too_narrow.landmarks.ids) > 2 * len(right.landmarks.ids)
+    assert evidence(right, 10.0, stated) > evidence(too_narrow, 10.0, stated) + 100
+    # Over all steps and by the run's own density it is what the filter summed.
+    own = evidence(right, -1.0, configure(sound, UNKNOWN))
+    assert own == pytest.approx(float(np.sum(right.steps.log_likelihood)))
+
+
+def test_the_density_of_new_landmarks_is_that_of_the_gate() -> None:
+    config = Config.resolve({"sensor": {"range_std_m": 0.1, "bearing_std_rad": 0.02}})
+    # Two dimensions: exp(-d2 / 2) is one minus the gate; the covariance is twice the sensor's.
+    expected = 1e-5 / (2 * np.pi * 2 * 0.1 * 0.02)
+    assert np.exp(log_new_density(config)) == pytest.approx(expected, rel=1e-9)
+    told = merge(config, {"association": {"new_landmark_density": 0.3, "clutter_density": 0.2}})
+    assert np.exp(log_new_density(told)) == pytest.approx(0.5)
+
+
+def test_draws_have_the_covariance_of_the_border(sound: Log) -> None:
+    session = _Session(sound, configure(sound, UNKNOWN), UNKNOWN, None)
+    problem, noise = session.problem_from_tracks()
+    solver = Bordered(problem, linearised(problem, noise))
+    generator = np.random.default_rng(1)
+    draws = np.array([solver.draw(generator)[1] for _ in range(400)])
+    free = problem.prior_std > 0
+    assert free.sum() == 8
+    ratio = draws[:, free].std(axis=0) / np.sqrt(np.diag(solver.covariance)[free])
+    # The standard error of a deviation from 400 draws is 1 / sqrt(800): four of them.
+    assert np.all(np.abs(ratio - 1) < 4 / np.sqrt(800))
+
+
+def test_the_tail_likelihood_is_highest_at_the_true_degrees_of_freedom() -> None:
+    generator = np.random.default_rng(2)
+    normal = generator.normal(size=(4000, 2))
+    heavy = normal / np.sqrt(generator.chisquare(4.0, size=4000) / 4.0)[:, None]
+    likelihoods = {tail: _log_likelihood(np.sum(heavy**2, axis=1), tail) for tail in (None, 3.0, 4.0, 7.0)}
+    assert max(likelihoods, key=lambda tail: likelihoods[tail]) == 4.0
+
+
+def test_a_lost_run_and_a_doubled_map_are_refused(sound: Log) -> None:
+    result = run(sound, UNKNOWN)
+    assert fault_of(result) is None
+    doubled = replace(
+        result.landmarks,
+        ids=(*result.landmarks.ids, *(f"{name}b" for name in result.landmarks.ids)),
+        mean_m=np.vstack([result.landmarks.mean_m, result.landmarks.mean_m + 0.05]),
+        covariance_m2=np.tile(result.landmarks.covariance_m2, (2, 1, 1)),
+        sightings=np.tile(result.landmarks.sightings, 2),
+        confirmed=None,
+    )
+    assert "twice" in message_of(replace(result, landmarks=doubled))
+    lost = replace(result.steps, health=np.full_like(result.steps.health, 3))
+    assert "lost" in message_of(replace(result, steps=lost))
+
+
+def message_of(result: RunResult) -> str:
+    fault = fault_of(result)
+    return "" if fault is None else fault.message
+
+
+def test_noise_that_no_filter_survives_is_refused_with_the_reason(sound: Log) -> None:
+    rng = np.random.default_rng(0)
+    bearings = rng.uniform(-np.pi, np.pi, size=len(sound.sightings.stamp_s))
+    nonsense = replace(sound, sightings=replace(sound.sightings, bearing_rad=bearings))
+    with pytest.raises(DataError, match=r"learned|things seen again"):
+        tune(nonsense, UNKNOWN)
+    few = replace(sound, sightings=replace(sound.sightings, range_m=0 * sound.sightings.range_m))
+    with pytest.raises(DataError, match="things seen again"):
+        tune(few, UNKNOWN)
+
+
+def test_a_delay_in_the_settings_moves_the_sightings(sound: Log) -> None:
+    late = replace(sound, sightings=replace(sound.sightings, stamp_s=sound.sightings.stamp_s + 0.25))
+    settings = merge(UNKNOWN, {"sensor": {"delay_s": 0.25}})
+    told, exact = run(late, settings), run(sound, UNKNOWN)
+    assert np.allclose(told.landmarks.mean_m, exact.landmarks.mean_m, atol=1e-6)
+    simulated = simulate(resolve_simulation({"seed": 5, "sensor": {"delay_s": 0.25}}, preset="demo"))
+    plain = simulate(resolve_simulation({"seed": 5}, preset="demo"))
+    assert np.allclose(simulated.sightings.stamp_s - plain.sightings.stamp_s, 0.25)
+
+
+def test_wide_noise_knows_the_scale_of_the_sensor(sound: Log) -> None:
+    near = replace(sound, sightings=replace(sound.sightings, range_m=0.1 * sound.sightings.range_m))
+    config = Config.resolve({"sensor": {"range_std_m": 1e-3}})
+    assert wide_noise(near, config)[0] == pytest.approx(0.1 * wide_noise(sound, config)[0])
+
+
+def test_the_command_writes_settings_that_a_run_takes(broken: Log, tmp_path: Path) -> None:
+    folder, settings = tmp_path / "log", tmp_path / "found.yaml"
+    write_native(broken, folder)
+    arguments = ["--set", "association.mode=unknown", "--set", "filter.particles=20", "--out", str(settings)]
+    printed = fastslam("tune", str(folder), *arguments, "--json")
+    assert printed.exit_code == 0, printed.stderr
+    facts = json.loads(printed.stdout)
+    assert facts["settings"] == load_config(settings)
+    assert facts["evidence_gain"] > 100 and len(facts["attempts"]) >= 2
+    given = ["--config", str(settings), *arguments[:4], "--no-report", "--out", str(tmp_path / "run")]
+    assert fastslam("run", str(folder), *given).exit_code == 0
+
+
+def test_the_table_names_what_was_found_and_what_the_log_does_not_tell(
+    found: Tuning, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hidden = replace(found.values[0], observable=False)
+    show_tuning("log", replace(found, values=(hidden, *found.values[1:])))
+    printed = capsys.readouterr()
+    assert "motion.correction.turn_gain" in printed.out and "from short tracks" in printed.out
+    assert "kept: not told" in printed.out and f"does not tell {hidden.key}" in printed.err
