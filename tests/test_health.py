@@ -126,7 +126,7 @@ def test_an_uncertain_pose_is_degraded_then_lost() -> None:
 
 
 def test_codes_and_names_of_reasons_agree() -> None:
-    assert reason_names(0) == () and len(REASONS) == 6
+    assert reason_names(0) == () and len(REASONS) == 7
     for bits in range(1 << len(REASONS)):
         assert reason_bits("+".join(reason_names(bits))) == bits
     codes = np.array([0, 4, 6])

@@ -14,6 +14,7 @@ from fastslam import FastSlam
 from fastslam.datasets import load
 from fastslam.errors import ConfigError
 from fastslam.evaluation import evaluate
+from fastslam.health import has_reason
 from fastslam.log import Log
 from fastslam.resultfiles import read_result, write_result
 from fastslam.simulation import resolve_simulation, simulate
@@ -47,6 +48,25 @@ def test_more_than_a_hundredth_dropped_is_a_line() -> None:
         assert len(result.verdict) == lines, result.verdict
     assert result.verdict[0].startswith(f"{int(0.02 * total):,} of {total:,} sightings lie beyond")
     assert result.verdict[0].endswith("and were left out")
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_field_that_was_mapped_twice_is_said_and_one_mapped_once_is_not(seed: int) -> None:
+    """Three laps with a sensor of 120 degrees: the plain filter maps all twice, the default once."""
+    sensor = {"field_of_view_rad": float(np.radians(120.0))}
+    log = simulate(
+        resolve_simulation({"seed": seed}, {"trajectory": {"laps": 3}, "sensor": sensor}, preset="loop")
+    )
+    for every_steps, twice in ((0, True), (None, False)):
+        settings = {"seed": seed, "association": {"mode": "unknown"}}
+        result = fastslam.run(log, settings | {"filter": {"rejuvenation": {"every_steps": every_steps}}})
+        found = evaluate(result, log)
+        assert (found["landmarks"] > 1.5 * found["landmark_matched"]) == twice
+        said = [line for line in result.verdict if "to which the robot came back" in line]
+        assert len(said) == twice and result.counts["landmarks_visited_again"] > 50
+        assert has_reason(result.steps.health_reasons, "not_found_again").any() == twice
+        if twice:
+            assert said[0].endswith("without filter.rejuvenation.every_steps = 0 such loops are closed")
 
 
 def test_nothing_seen_twice_is_said() -> None:

@@ -26,7 +26,11 @@ OFTEN = {"every_steps": 100, "growth": 0.03, "spread": 0.5}
 CASES: dict[str, dict[str, Any]] = {
     "known, 250 particles": {"filter": {"particles": 250}},
     "known, 30 particles, paths drawn anew": {"filter": {"particles": 30, "rejuvenation": ANEW}},
-    "unknown, 250 particles": {"filter": {"particles": 250}, "association": {"mode": "unknown"}},
+    "unknown, 250 particles, plain": {
+        "filter": {"particles": 250, "rejuvenation": {"every_steps": 0}},
+        "association": {"mode": "unknown"},
+    },
+    "unknown, defaults": {"association": {"mode": "unknown"}},
     "unknown, 30 particles, paths drawn anew, loops left open": {
         "filter": {"particles": 30, "rejuvenation": ANEW | {"closing_odds": 0.0}},
         "association": {"mode": "unknown"},
@@ -72,7 +76,8 @@ lanes of 14 m with 10 m of range, then again across, in 6,760 steps; every seed 
 noise and another filter. FastSLAM 2.0, medians over seeds 1 to {seeds} and the worst in brackets, metres
 after rigid alignment. "Paths drawn anew" is [`filter.rejuvenation`](rejuvenation.md): every 200 steps,
 growth 0.1, spread 0.5; "often" every 100 steps, growth 0.03, and [missed loops are
-closed](rejuvenation.md#closing-missed-loops).
+closed](rejuvenation.md#closing-missed-loops). "Defaults" is no setting at all: 100 particles, paths drawn [by
+need](rejuvenation.md#when-paths-are-drawn).
 
 | identities | live path | smoothed path | map | found | live within 1 m | seconds per 1,000 steps |
 |---|---|---|---|---|---|---|

@@ -30,6 +30,7 @@ REASONS = {
     "sightings_unexplained": "sightings that show no known landmark where known ones should be",
     "pose_uncertain": "the particles disagree about the pose",
     "map_stale": "landmarks of the map are in view and not sighted",
+    "not_found_again": "landmarks to which the robot came back are not sighted any more",
 }
 """Name and meaning of each reason, in the order of the bits of the core."""
 

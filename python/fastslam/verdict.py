@@ -1,4 +1,4 @@
-"""What a run as a whole comes to, in sentences: nothing mapped, nothing seen twice, much left out."""
+"""What a run as a whole comes to, in sentences: nothing mapped or seen again, mapped twice, much lost."""
 
 from __future__ import annotations
 
@@ -15,6 +15,10 @@ MANY_DROPPED = 0.01
 """From this fraction on, sightings that were not used are worth a line."""
 MANY_LEFT_OUT = 0.005
 """The same for those whose name cannot be right, most of which are noticed and left out."""
+NOT_FOUND_AGAIN = 0.05
+"""From this fraction on of the landmarks that were visited again, those not found there are a verdict."""
+FEW = 3
+"""Fewer than this many landmarks that were not found again say nothing."""
 UNITS = {"feet": 0.3048, "centimetres": 1e-2, "millimetres": 1e-3}
 """What ranges may be in by mistake, in metres; the largest that fits is asked about."""
 
@@ -52,7 +56,22 @@ def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -
     if total == 0:
         return ("nothing was mapped: the log has no sightings; the path is that of the odometry alone",)
     dropped = tuple(_dropped(result, log.sightings))
-    return (*dropped, *_map_verdict(result, total, explained=bool(dropped)), *_names(result, log, two_places))
+    of_map = _map_verdict(result, total, explained=bool(dropped))
+    return (*dropped, *of_map, *_not_found_again(result), *_names(result, log, two_places))
+
+
+def _not_found_again(result: RunResult) -> Iterator[str]:
+    """Whether landmarks were not there when the robot came back to them."""
+    visited = result.counts.get("landmarks_visited_again", 0)
+    missed = result.counts.get("landmarks_not_found_again", 0)
+    if missed < max(FEW, NOT_FOUND_AGAIN * visited):
+        return
+    plain = result.config["filter"]["rejuvenation"]["every_steps"] == 0
+    yield (
+        f"{missed:,} of the {visited:,} landmarks to which the robot came back were in view and not sighted "
+        "any more: part of the map is there twice, or the world has changed"
+        + ("; without filter.rejuvenation.every_steps = 0 such loops are closed" if plain else "")
+    )
 
 
 def _map_verdict(result: RunResult, total: int, *, explained: bool) -> Iterator[str]:

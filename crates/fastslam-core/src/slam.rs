@@ -1,7 +1,7 @@
 //! What every filter can do, so that a run over a log need not know which one it has.
 
 use crate::config::{Algorithm, Config};
-use crate::diagnosis::{NoiseReport, TwoPlaces};
+use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::ekf_slam::EkfSlam;
 use crate::error::Result;
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Sighting, StepInfo};
@@ -41,6 +41,8 @@ pub trait Slam: Send + Sync {
     fn noise_report(&self) -> NoiseReport;
     /// Names that were seen at two places so far.
     fn two_places(&self) -> Vec<TwoPlaces>;
+    /// What came of the returns to the landmarks of the map.
+    fn returns(&self) -> Returns;
     /// The state as bytes, from which [`Slam::restore`] goes on to the same bits; `note` is kept in their head.
     fn save(&self, note: &str) -> Result<Vec<u8>>;
     /// Takes over a state that was saved with this configuration; where that is refused, the filter is as it was.
@@ -105,6 +107,9 @@ impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
     fn two_places(&self) -> Vec<TwoPlaces> {
         FastSlam::two_places(self)
     }
+    fn returns(&self) -> Returns {
+        FastSlam::returns(self)
+    }
     fn save(&self, note: &str) -> Result<Vec<u8>> {
         FastSlam::save(self, note)
     }
@@ -149,6 +154,9 @@ impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
     }
     fn two_places(&self) -> Vec<TwoPlaces> {
         EkfSlam::two_places(self)
+    }
+    fn returns(&self) -> Returns {
+        EkfSlam::returns(self)
     }
     fn save(&self, note: &str) -> Result<Vec<u8>> {
         EkfSlam::save(self, note)

@@ -14,7 +14,7 @@ use serde_json::Value;
 /// What every snapshot begins with.
 const MAGIC: [u8; 8] = *b"fastslam";
 /// Layout of what is stored. It goes up whenever a stored type changes; a stored file in the tests tells when.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 /// Magic, format, length of the content, checksum of the content.
 const PREAMBLE: usize = MAGIC.len() + 4 + 8 + 4;
 
@@ -198,7 +198,7 @@ mod tests {
         assert!(message(b"PK").contains("no snapshot of fastslam"));
         let mut newer = sealed();
         newer[8] += 1;
-        assert!(message(&newer).contains("a newer format, 2; this version reads 1"));
+        assert!(message(&newer).contains("a newer format, 3; this version reads 2"));
         assert!(message(&sealed()[..99]).contains("cut off"));
         let of_a_run = seal(&Head::of_run(&Config::default(), Identities::All).unwrap(), &0).unwrap();
         assert!(message(&of_a_run).contains("of a run"));

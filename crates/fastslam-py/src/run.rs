@@ -150,6 +150,8 @@ fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyResul
     }
     let fell_back: u64 = steps.iter().map(|s| u64::from(s.info.fell_back)).sum();
     skipped.set_item("joint_association_fallbacks", fell_back)?;
+    skipped.set_item("landmarks_visited_again", output.returns.visited)?;
+    skipped.set_item("landmarks_not_found_again", output.returns.in_vain)?;
     dict.set_item("skipped", skipped)?;
     Ok(dict)
 }

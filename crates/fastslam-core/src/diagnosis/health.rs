@@ -1,7 +1,9 @@
 //! Whether the filter can still be believed, and if not, why.
 
+use super::looks::{InView, Looks, MapInView};
 use super::names::Names;
 use super::noise::NoiseCheck;
+use super::Returns;
 use crate::config::{Config, HealthConfig};
 use crate::geometry::{Matrix3, Pose};
 use serde::{Deserialize, Serialize};
@@ -38,17 +40,20 @@ pub enum HealthReason {
     PoseUncertain = 4,
     /// Most landmarks of the map that should be in view are not sighted.
     MapStale = 5,
+    /// Landmarks to which the robot came back are in view and not sighted any more.
+    NotFoundAgain = 6,
 }
 
 impl HealthReason {
     /// All of them, in the order of their bits.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::FewEffectiveParticles,
         Self::InnovationsTooLarge,
         Self::NoSightings,
         Self::SightingsUnexplained,
         Self::PoseUncertain,
         Self::MapStale,
+        Self::NotFoundAgain,
     ];
 }
 
@@ -87,60 +92,6 @@ pub(crate) struct Vitals {
     pub names_known: bool,
     /// Of the last examined scan, where one was.
     pub map_in_view: Option<MapInView>,
-}
-
-/// Landmarks of the best particle's map that a scan should have shown.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct MapInView {
-    /// How many are in view.
-    pub landmarks: u32,
-    /// How many of these a scan shows that is like those before: the sum of how often each was sighted.
-    pub expected: f64,
-    /// How many it showed.
-    pub sighted: u32,
-}
-
-/// How often each landmark was looked for, and sighted.
-///
-/// **Why:** a post behind a car is missed half of the time, and a map is not stale for that: each landmark is held to
-/// what it used to be, whatever the others are.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-struct Looks {
-    /// By birth: looks, and how many of them found it.
-    of_landmark: Vec<[u32; 2]>,
-    /// The same of all together.
-    of_all: [f64; 2],
-    /// Where the last one was taken from.
-    last: Option<Pose>,
-}
-
-/// A landmark that is in view.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct InView {
-    /// Running number of its creation.
-    pub birth: u64,
-    /// Whether the scan shows it.
-    pub sighted: bool,
-}
-
-impl Looks {
-    /// Takes note of a look; returns the share of looks like it that found the landmark before.
-    fn add(&mut self, InView { birth, sighted }: InView) -> f64 {
-        let place = birth as usize;
-        if self.of_landmark.len() <= place {
-            self.of_landmark.resize(place + 1, [0; 2]);
-        }
-        // One that was hardly looked for is taken to be like the others.
-        let usual = if self.of_all[0] > 0.0 { self.of_all[1] / self.of_all[0] } else { 0.5 };
-        let [looks, found] = self.of_landmark[place].map(f64::from);
-        let share = (found + LOOKS_LIKE_OTHERS * usual) / (looks + LOOKS_LIKE_OTHERS);
-        for (count, more) in self.of_landmark[place].iter_mut().zip([true, sighted]) {
-            *count += u32::from(more);
-        }
-        self.of_all[0] += 1.0;
-        self.of_all[1] += f64::from(u8::from(sighted));
-        share
-    }
 }
 
 /// Where a sensor surely sees.
@@ -195,20 +146,8 @@ const EXPECTED_MIN: usize = 3;
 const LARGEST_MATCHED_FRACTION_OF_A_TEAR: f64 = 0.1;
 /// Scans after a tear from which on the robot counts as lost.
 const TORN_SCANS: u32 = 3;
-/// A map of which so few landmarks were expected lately says nothing about its age.
-const EXPECTED_LATELY_MIN: f64 = 2.0;
 /// Blindness is no news up to so many times the longest from which the filter came back.
 const BLIND_AGAIN: f64 = 1.5;
-/// Looks at the map from which it is known what is usual.
-const VIEWS_TO_LEARN: f64 = 20.0;
-/// Motion from one look at the map to the next: a fraction of how far the sensor sees, and a turn.
-///
-/// **Why:** what a robot that stands does not see it will not see in the next scan either; that is one observation.
-const LOOK_AGAIN_REACH: f64 = 0.02;
-const LOOK_AGAIN_RAD: f64 = 0.1;
-/// Looks at a landmark that weigh as much as what is known of the others.
-const LOOKS_LIKE_OTHERS: f64 = 2.0;
-
 /// Weight of the newest scan in a moving average over about `window_scans` of them.
 fn newest(window_scans: u32) -> f64 {
     2.0 / (f64::from(window_scans) + 1.0)
@@ -226,6 +165,35 @@ struct Torn {
     scans: u32,
 }
 
+/// Which scans are examined.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+struct Examinations {
+    /// Scans so far, those examined, and when the last of these was.
+    scans: u64,
+    done: u64,
+    last_s: f64,
+    /// Whether the scan of this step is.
+    is_due: bool,
+}
+
+/// How long the robot saw nothing.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+struct Blindness {
+    last_sighting_s: Option<f64>,
+    /// Longest time without sightings after which known landmarks were sighted.
+    longest_survived_s: f64,
+}
+
+/// How well scans fit.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+struct Fits {
+    /// Scans that showed known landmarks.
+    scans_matched: u32,
+    /// Moving averages: effective share of the particles; unexplained share of the sightings.
+    effective: f64,
+    unexplained: f64,
+}
+
 /// Watches over a filter, from step to step.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct Watch {
@@ -241,23 +209,10 @@ pub(crate) struct Watch {
     sightings: usize,
     /// Where landmarks were seen lately.
     places: VecDeque<[f64; 2]>,
-    scans_matched: u32,
-    /// Scans so far, those examined, and when the last of these was.
-    scans: u64,
-    examinations: u64,
-    examined_s: f64,
-    examines: bool,
+    fits: Fits,
+    examinations: Examinations,
     torn: Option<Torn>,
-    last_sighting_s: Option<f64>,
-    /// Longest time without sightings after which known landmarks were sighted.
-    longest_survived_s: f64,
-    /// Moving averages: effective share of the particles; unexplained share of the sightings.
-    effective: f64,
-    unexplained: f64,
-    /// Moving averages of the landmarks that should have been sighted and were.
-    expected: f64,
-    sighted: f64,
-    views: f64,
+    blindness: Blindness,
     looks: Looks,
 }
 
@@ -272,42 +227,34 @@ impl Watch {
             matches: Vec::new(),
             sightings: 0,
             places: VecDeque::new(),
-            scans_matched: 0,
-            scans: 0,
-            examinations: 0,
-            examined_s: f64::NEG_INFINITY,
-            examines: false,
+            fits: Fits { scans_matched: 0, effective: 1.0, unexplained: 0.0 },
+            examinations: Examinations { scans: 0, done: 0, last_s: f64::NEG_INFINITY, is_due: false },
             torn: None,
-            last_sighting_s: None,
-            longest_survived_s: 0.0,
-            effective: 1.0,
-            unexplained: 0.0,
-            expected: 0.0,
-            sighted: 0.0,
-            views: 0.0,
+            blindness: Blindness::default(),
             looks: Looks::default(),
         }
     }
 
     /// Begins a step with so many sightings; a scan is a step with some.
     pub fn begin(&mut self, stamp_s: f64, sightings: u32) {
-        let due = self.scans.is_multiple_of(EXAMINED_EVERY) || stamp_s - self.examined_s >= LONGEST_UNEXAMINED_S;
-        self.examines = sightings > 0 && due;
-        self.scans += u64::from(sightings > 0);
-        if self.examines {
-            self.examinations += 1;
-            self.examined_s = stamp_s;
+        let examined = &mut self.examinations;
+        let due = examined.scans.is_multiple_of(EXAMINED_EVERY) || stamp_s - examined.last_s >= LONGEST_UNEXAMINED_S;
+        examined.is_due = sightings > 0 && due;
+        examined.scans += u64::from(sightings > 0);
+        if examined.is_due {
+            examined.done += 1;
+            examined.last_s = stamp_s;
         }
     }
 
     /// Whether the scan of this step is to be examined.
     pub fn examines(&self) -> bool {
-        self.examines
+        self.examinations.is_due
     }
 
     /// Examinations so far.
     pub fn examinations(&self) -> u64 {
-        self.examinations
+        self.examinations.done
     }
 
     /// Where the sensor surely sees.
@@ -317,8 +264,16 @@ impl Watch {
 
     /// Takes note of the sightings of known landmarks (as measured, with the landmark's birth) among those of a scan.
     pub fn matched(&mut self, known: impl Iterator<Item = ([f64; 2], u64)>, sightings: usize) {
-        self.matches.extend(known);
+        for (value, birth) in known {
+            self.looks.sighted(birth);
+            self.matches.push((value, birth));
+        }
         self.sightings += sightings;
+    }
+
+    /// Whether a sighting of this step shows this landmark.
+    pub fn has_matched(&self, birth: u64) -> bool {
+        self.matches.iter().any(|(_, matched)| *matched == birth)
     }
 
     /// Sightings of known landmarks in this step so far.
@@ -353,56 +308,46 @@ impl Watch {
             let unexplained = 1.0 - self.matches.len() as f64 / self.sightings as f64;
             // Unknown ground is no fault: only where known landmarks should be in view does an unexplained scan count.
             let fault = if expected >= EXPECTED_MIN && !vitals.names_known { unexplained } else { 0.0 };
-            self.unexplained += share * (fault - self.unexplained);
-            self.effective += share * (vitals.effective_sample_size / vitals.particles as f64 - self.effective);
-            self.scans_matched += u32::from(!self.matches.is_empty());
-            if let (Some(last_s), false) = (self.last_sighting_s, self.matches.is_empty()) {
-                self.longest_survived_s = self.longest_survived_s.max(vitals.stamp_s - last_s);
+            let effective = vitals.effective_sample_size / vitals.particles as f64;
+            self.fits.effective += share * (effective - self.fits.effective);
+            self.fits.unexplained += share * (fault - self.fits.unexplained);
+            self.fits.scans_matched += u32::from(!self.matches.is_empty());
+            let blindness = &mut self.blindness;
+            if let (Some(last_s), false) = (blindness.last_sighting_s, self.matches.is_empty()) {
+                blindness.longest_survived_s = blindness.longest_survived_s.max(vitals.stamp_s - last_s);
             }
-            self.last_sighting_s = Some(vitals.stamp_s);
+            blindness.last_sighting_s = Some(vitals.stamp_s);
         }
         if let Some(in_view) = vitals.map_in_view {
-            self.count_view(in_view, share);
+            self.looks.end(in_view, share);
         }
         self.remember(vitals.T_world_robot, place);
         self.verdict(vitals)
     }
 
-    fn count_view(&mut self, in_view: MapInView, share: f64) {
-        if in_view.landmarks == 0 {
-            return;
-        }
-        self.views += 1.0;
-        let recent = share.max(1.0 / self.views);
-        self.expected += recent * (in_view.expected - self.expected);
-        self.sighted += recent * (f64::from(in_view.sighted) - self.sighted);
-    }
-
     /// Whether a look at the map from here says anything new; then it counts as taken.
     pub fn looks_from(&mut self, T_world_robot: Pose) -> bool {
-        let new = self.looks.last.is_none_or(|last| {
-            let moved = last.inverse().compose(T_world_robot);
-            let far = LOOK_AGAIN_REACH * self.view.far_m;
-            moved.x.hypot(moved.y) > far || crate::math::wrap_angle(moved.heading).abs() > LOOK_AGAIN_RAD
-        });
-        if new {
-            self.looks.last = Some(T_world_robot);
-        }
-        new
+        self.looks.begin(T_world_robot, self.view.far_m)
     }
 
     /// Takes note of whether a landmark that is in view was sighted, in what the scan shows of the map.
     pub fn looked(&mut self, in_view: &mut MapInView, landmark: InView) {
-        in_view.landmarks += 1;
-        in_view.expected += self.looks.add(landmark);
-        in_view.sighted += u32::from(landmark.sighted);
+        self.looks.looked(in_view, landmark);
     }
 
-    /// Whether much less is sighted of the landmarks in view than used to be of the same ones.
-    fn is_stale(&self) -> bool {
-        self.views >= VIEWS_TO_LEARN
-            && self.expected > EXPECTED_LATELY_MIN
-            && self.sighted < self.settings.smallest_detection_ratio * self.expected
+    /// Another landmark went over into this one.
+    pub fn merged(&mut self, birth: u64) {
+        self.looks.merged(birth);
+    }
+
+    /// Loops were closed.
+    pub fn closed(&mut self) {
+        self.looks.closed();
+    }
+
+    /// What came of the returns to these landmarks.
+    pub fn returns(&self, births: impl Iterator<Item = u64>) -> Returns {
+        self.looks.returns(births)
     }
 
     fn remember(&mut self, T_world_robot: Pose, place: impl Fn(Pose, [f64; 2]) -> [f64; 2]) {
@@ -426,25 +371,27 @@ impl Watch {
                 worst = worst.max(if lost { HealthStatus::Lost } else { HealthStatus::Degraded });
             }
         };
-        let few = vitals.particles >= 10 && self.effective < settings.smallest_effective_fraction;
+        let Fits { scans_matched, effective, unexplained } = self.fits;
+        let few = vitals.particles >= 10 && effective < settings.smallest_effective_fraction;
         note(HealthReason::FewEffectiveParticles, few, false);
         let ratio = self.noise.recent_ratio(RECENT_SCANS).unwrap_or(1.0);
         let largest = settings.largest_innovation_ratio;
         note(HealthReason::InnovationsTooLarge, ratio > largest, ratio > 4.0 * largest);
-        let blind_s = self.last_sighting_s.map_or(0.0, |last_s| vitals.stamp_s - last_s);
-        let longest_s = settings.longest_blindness_s.max(BLIND_AGAIN * self.longest_survived_s);
+        let blind_s = self.blindness.last_sighting_s.map_or(0.0, |last_s| vitals.stamp_s - last_s);
+        let longest_s = settings.longest_blindness_s.max(BLIND_AGAIN * self.blindness.longest_survived_s);
         note(HealthReason::NoSightings, blind_s > longest_s, false);
         let limit = settings.largest_unexplained_fraction;
-        let lost = self.unexplained > 0.5 * (1.0 + limit) || self.torn.is_some_and(|torn| torn.scans >= TORN_SCANS);
+        let lost = unexplained > 0.5 * (1.0 + limit) || self.torn.is_some_and(|torn| torn.scans >= TORN_SCANS);
         let torn = self.torn.is_some();
-        note(HealthReason::SightingsUnexplained, torn || self.unexplained > limit, lost);
+        note(HealthReason::SightingsUnexplained, torn || unexplained > limit, lost);
         let [[xx, xy, _], [_, yy, _], [_, _, hh]] = vitals.pose_covariance;
         let position = crate::geometry::Symmetric2::new(xx, xy, yy).largest_eigenvalue().max(0.0).sqrt();
         let spread =
             (position / settings.largest_position_std_m).max(hh.max(0.0).sqrt() / settings.largest_heading_std_rad);
         note(HealthReason::PoseUncertain, spread > 1.0, spread > 3.0);
-        note(HealthReason::MapStale, self.is_stale(), false);
-        let started = self.scans_matched >= SCANS_TO_INITIALIZE;
+        note(HealthReason::MapStale, self.looks.find_map_stale(settings.smallest_detection_ratio), false);
+        note(HealthReason::NotFoundAgain, self.looks.find_returns_in_vain(), false);
+        let started = scans_matched >= SCANS_TO_INITIALIZE;
         health.status = if started { worst } else { HealthStatus::Initializing };
         health
     }

@@ -4,10 +4,13 @@
 
 pub(crate) mod health;
 pub(crate) mod innovations;
+pub(crate) mod looks;
 pub(crate) mod names;
 pub(crate) mod noise;
+mod revisits;
 mod totals;
 
 pub use health::{Health, HealthReason, HealthStatus};
 pub use names::{NamedPlace, TwoPlaces};
 pub use noise::{Noise, NoiseReport, NoiseWarning, NoiseWarnings, NOISES};
+pub use revisits::Returns;

@@ -5,6 +5,7 @@
 
 mod associate;
 pub mod covariance;
+mod look;
 mod snapshot;
 mod undo;
 
@@ -259,7 +260,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
         (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
         let births_before = self.state.landmarks.len() as u64 - u64::from(info.new_landmarks);
         let PoseEstimate { mean: T_world_robot, covariance: pose_covariance } = self.pose();
-        let (particles, effective_sample_size, map_in_view) = (1, 1.0, None);
+        let (particles, effective_sample_size) = (1, 1.0);
+        let map_in_view = self.look_at_map();
         let vitals = Vitals {
             stamp_s,
             particles,

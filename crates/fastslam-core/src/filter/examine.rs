@@ -5,8 +5,9 @@ use super::work::{Examination, Pair, Prediction, SUBSET};
 use super::FastSlam;
 use crate::association::{by_robot_pose, Box2, CandidateTable, Decision};
 use crate::config::Algorithm;
-use crate::diagnosis::health::{InView, MapInView};
 use crate::diagnosis::innovations::{PredictedScan, JOINT_MAX};
+use crate::diagnosis::looks::{InView, MapInView};
+use crate::diagnosis::Returns;
 use crate::geometry::Symmetric2;
 use crate::landmark::{column, gaussian_in, innovation_covariance, Gaussian};
 use crate::measurement::MeasurementModel;
@@ -100,6 +101,16 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
         }
         self.work.map_in_view = Some(in_view);
+    }
+
+    /// What came of the returns to the landmarks of the best particle's map that are no clutter.
+    pub fn returns(&self) -> Returns {
+        let best = self.state.particles.best();
+        let mut row = vec![0.0; self.state.landmarks.columns()];
+        let known = self.state.landmarks.live_slots().into_iter().filter(|slot| {
+            self.state.landmarks.read_row(*slot, best, &mut row) && row[column::SIGHTINGS] >= SIGHTINGS_TO_COUNT
+        });
+        self.state.watch.returns(known.map(|slot| self.state.landmarks.birth(slot)))
     }
 
     /// Some particles, evenly spaced.

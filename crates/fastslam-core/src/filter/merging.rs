@@ -119,6 +119,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn settle(&mut self, [older, younger]: [u32; 2], union: &Union) {
         let touched: Vec<bool> = union.moved.iter().zip(&union.fused).map(|(moved, fused)| *moved || *fused).collect();
         self.state.merger.united.insert(self.state.landmarks.birth(younger), self.state.landmarks.birth(older));
+        self.state.watch.merged(self.state.landmarks.birth(older));
         self.merge_existence([older, younger], &touched);
         if let Some(appearances) = &mut self.state.landmarks.appearances {
             appearances.merge(younger, older, [&union.moved, &union.fused]);

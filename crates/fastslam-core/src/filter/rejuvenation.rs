@@ -168,6 +168,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         for [younger, older] in &merges {
             self.unite([older, younger].map(|birth| means[birth].0));
         }
+        if !merges.is_empty() {
+            self.state.watch.closed();
+        }
         Some((mode.solution.trajectory, merges))
     }
 

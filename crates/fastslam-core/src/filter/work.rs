@@ -2,8 +2,8 @@
 
 use super::beliefs::Beliefs;
 use crate::association::{fast, CandidateTable, Decision, FitTable, Scratch};
-use crate::diagnosis::health::MapInView;
 use crate::diagnosis::innovations::PredictedScan;
+use crate::diagnosis::looks::MapInView;
 use crate::landmark::{Gaussian, Measured, SensorPoses};
 use crate::resampling::Resampler;
 use crate::sighting::ScanSighting;

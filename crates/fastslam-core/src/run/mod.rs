@@ -4,7 +4,7 @@ mod resume;
 mod unsampled;
 
 use crate::config::Config;
-use crate::diagnosis::{NoiseReport, TwoPlaces};
+use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::Result;
 use crate::filter::{Identities, MapEstimate, PoseEstimate, Sighting, Skipped, StepInfo};
 use crate::geometry::Pose;
@@ -58,6 +58,8 @@ pub struct RunOutput {
     pub noise: NoiseReport,
     /// Names that were seen at two places.
     pub two_places: Vec<TwoPlaces>,
+    /// What came of the returns to landmarks.
+    pub returns: Returns,
     /// What the maps occupy at the end.
     pub usage: StoreUsage,
     /// Computing time of all steps, seconds.
@@ -163,6 +165,7 @@ impl<'a> Run<'a> {
             repaired,
             noise: self.filter.noise_report(),
             two_places: self.filter.two_places(),
+            returns: self.filter.returns(),
             usage: self.filter.usage(),
             interrupted: false,
         }
