@@ -17,7 +17,14 @@ OTHERS = {"figures/scale-2026-11-22.png": "benchmarks/reports/scale-2026-11-22.p
 REFERENCE = {
     "run": (
         "Python: to run",
-        *("fastslam.runner", "fastslam.filter", "fastslam.config", "fastslam.settings", "fastslam.errors"),
+        *(
+            "fastslam.runner",
+            "fastslam.filter",
+            "fastslam.robot",
+            "fastslam.config",
+            "fastslam.settings",
+            "fastslam.errors",
+        ),
     ),
     "logs": (
         "Python: logs",

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .filter import FastSlam, StepInfo
     from .log import Log
     from .result import RunResult
+    from .robot import Robot
     from .runner import run, run_many
     from .tuning import tune
 
@@ -21,6 +22,7 @@ __all__ = [
     "FastSlam",
     "FastSlamError",
     "Log",
+    "Robot",
     "RunResult",
     "StepInfo",
     "__version__",
@@ -36,6 +38,7 @@ _MODULE_OF = {
     "FastSlam": "filter",
     "FastSlamError": "errors",
     "Log": "log",
+    "Robot": "robot",
     "RunResult": "result",
     "StepInfo": "filter",
     "convert": "conversion",
@@ -57,7 +60,7 @@ _MODULES = (
         "health",
         "log",
     ),
-    *("monte_carlo", "outputs", "plots", "report", "result", "resultfiles", "runner", "settings"),
+    *("monte_carlo", "outputs", "plots", "report", "result", "resultfiles", "robot", "runner", "settings"),
     *("simulation", "sweep", "tuning"),
 )
 __getattr__ = lazy_names(__name__, _MODULE_OF, modules=_MODULES)

@@ -119,7 +119,7 @@ class FastSlam:
             return self._filter.save(json.dumps(note))
 
     def __setstate__(self, snapshot: bytes) -> None:
-        with _core_errors():
+        with core_errors():
             filter, config, note = _core.Filter.load(snapshot)
         if not note:
             raise DataError("the snapshot has no names of landmarks: it was not written by FastSlam.save")
@@ -136,9 +136,9 @@ class FastSlam:
         Errors: `DataError` for another number of values, values that are not finite, or a motion that no
         robot makes.
         """
-        values, seconds = self._control(control), _number("dt_s", dt_s)
+        values, seconds = self._control(control), number("dt_s", dt_s)
         with self._lock:
-            with _core_errors():
+            with core_errors():
                 self._filter.predict(values, seconds)
             self._stamp_s += seconds
 
@@ -162,8 +162,8 @@ class FastSlam:
         stamp before the last one or before the end of the last control, or an identity that is neither name
         nor number; `NumericalError` when no particle can explain the scan.
         """
-        scan = self._scan(range_m, bearing_rad, identity, covariance, class_index, signature)
-        stamp = _number("stamp_s", stamp_s)
+        scan = checked_scan(self.config, range_m, bearing_rad, identity, covariance, class_index, signature)
+        stamp = number("stamp_s", stamp_s)
         with self._lock:
             self._check_stamp(stamp)
             return self._told(stamp, scan, lambda columns: self._filter.update(stamp, columns))
@@ -181,8 +181,8 @@ class FastSlam:
 
         Where the scan is refused the robot has not moved either.
         """
-        values, seconds = self._control(control), _number("dt_s", dt_s)
-        scan = self._scan(range_m, bearing_rad, identity)
+        values, seconds = self._control(control), number("dt_s", dt_s)
+        scan = checked_scan(self.config, range_m, bearing_rad, identity)
         with self._lock:
             stamp = self._stamp_s + seconds
             return self._told(
@@ -228,38 +228,7 @@ class FastSlam:
             return Trajectory(*self._filter.best_path())
 
     def _control(self, control: ArrayLike) -> list[float]:
-        given = _column("control", control)
-        if given.shape != (len(self._control_columns),):
-            raise DataError(f"control: got shape {given.shape}, expected {', '.join(self._control_columns)}")
-        return [*map(float, given), *(0.0,) * (3 - len(given))]
-
-    def _scan(
-        self,
-        range_m: ArrayLike,
-        bearing_rad: ArrayLike,
-        identity: Sequence[Identity] | None,
-        covariance: ArrayLike | None = None,
-        class_index: ArrayLike | None = None,
-        signature: ArrayLike | None = None,
-    ) -> _Scan:
-        """The sightings of a call, checked as those of a file are."""
-        scan = _Scan(
-            range_m=_column("range_m", range_m),
-            bearing_rad=_column("bearing_rad", bearing_rad),
-            names=None if identity is None else _names(identity),
-            covariance=None if covariance is None else _covariances(covariance),
-            class_index=None if class_index is None else _classes(class_index),
-            signature=None if signature is None else _column("signature", signature),
-        )
-        if (np.abs(scan.bearing_rad[np.isfinite(scan.bearing_rad)]) > LARGEST_BEARING_RAD).any():
-            raise DataError(f"bearing_rad: {DEGREES_HINT}")
-        if (
-            scan.class_index is not None
-            and (scan.class_index >= 0).any()
-            and self.config["association"]["classes"] is None
-        ):
-            raise DataError("class_index: association.classes is not configured")
-        return scan
+        return checked_control(control, self._control_columns)
 
     def _check_stamp(self, stamp_s: float) -> None:
         fault = stamp_fault(stamp_s) if math.isfinite(stamp_s) else None
@@ -279,19 +248,16 @@ class FastSlam:
     def _told(
         self,
         stamp_s: float,
-        scan: _Scan,
+        scan: Scan,
         work: Callable[[_core._ScanColumns], dict[str, Any]],
         *,
         moved_s: float = 0.0,
     ) -> StepInfo:
         """Gives a scan to the core, perhaps after a motion; of a refused one no names and stamps are kept."""
-        index_of: dict[str, int] = {}
-        for name in scan.names or ():
-            if name is not None and name not in self._index_of:
-                index_of.setdefault(name, len(self._index_of) + len(index_of))
+        index_of = scan.new_names(self._index_of)
         columns = scan.columns(ChainMap(index_of, self._index_of))
         try:
-            with _core_errors():
+            with core_errors():
                 answer = work(columns)
         except NumericalError:
             # The motion of a step stays, and with it the time that it took.
@@ -299,14 +265,56 @@ class FastSlam:
             raise
         self._index_of.update(index_of)
         self._stamp_s = self._updated_s = stamp_s
-        answer["health"] = status_name(answer["health"])
-        answer["health_reasons"] = reason_names(answer["health_reasons"])
-        answer["warnings"] = noise_sentences(answer["warnings"], self.config)
-        return StepInfo(**answer)
+        return step_info(answer, self.config)
+
+
+def step_info(answer: dict[str, Any], config: Config) -> StepInfo:
+    """What the core says of a step, its codes as names."""
+    answer["health"] = status_name(answer["health"])
+    answer["health_reasons"] = reason_names(answer["health_reasons"])
+    answer["warnings"] = noise_sentences(answer["warnings"], config)
+    return StepInfo(**answer)
+
+
+def checked_control(control: ArrayLike, columns: Sequence[str]) -> list[float]:
+    """A control of the motion model as three numbers. Errors: `DataError` for another number of values."""
+    given = _column("control", control)
+    if given.shape != (len(columns),):
+        raise DataError(f"control: got shape {given.shape}, expected {', '.join(columns)}")
+    return [*map(float, given), *(0.0,) * (3 - len(given))]
+
+
+def checked_scan(
+    config: Config,
+    range_m: ArrayLike,
+    bearing_rad: ArrayLike,
+    identity: Sequence[Identity] | None,
+    covariance: ArrayLike | None = None,
+    class_index: ArrayLike | None = None,
+    signature: ArrayLike | None = None,
+) -> Scan:
+    """The sightings of a call, checked as those of a file are."""
+    scan = Scan(
+        range_m=_column("range_m", range_m),
+        bearing_rad=_column("bearing_rad", bearing_rad),
+        names=None if identity is None else _names(identity),
+        covariance=None if covariance is None else _covariances(covariance),
+        class_index=None if class_index is None else _classes(class_index),
+        signature=None if signature is None else _column("signature", signature),
+    )
+    if (np.abs(scan.bearing_rad[np.isfinite(scan.bearing_rad)]) > LARGEST_BEARING_RAD).any():
+        raise DataError(f"bearing_rad: {DEGREES_HINT}")
+    if (
+        scan.class_index is not None
+        and (scan.class_index >= 0).any()
+        and config["association"]["classes"] is None
+    ):
+        raise DataError("class_index: association.classes is not configured")
+    return scan
 
 
 @dataclass(frozen=True)
-class _Scan:
+class Scan:
     """The arguments of one update, as arrays of the right kind."""
 
     range_m: Floats
@@ -316,6 +324,14 @@ class _Scan:
     class_index: Ints | None
     signature: Floats | None
 
+    def new_names(self, known: Mapping[str, int]) -> dict[str, int]:
+        """Numbers for the names that are not known yet."""
+        index_of: dict[str, int] = {}
+        for name in self.names or ():
+            if name is not None and name not in known:
+                index_of.setdefault(name, len(known) + len(index_of))
+        return index_of
+
     def columns(self, index_of: Mapping[str, int]) -> _core._ScanColumns:
         """What the core takes: names as their numbers, -1 where there is none."""
         count = len(self.range_m)
@@ -324,7 +340,7 @@ class _Scan:
         return (self.range_m, self.bearing_rad, identity, self.covariance, self.class_index, self.signature)
 
 
-def _number(name: str, value: float) -> float:
+def number(name: str, value: float) -> float:
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError):
@@ -419,7 +435,7 @@ def _unique_ids(births: list[int], identities: list[int], identity_names: tuple[
 
 
 @contextmanager
-def _core_errors() -> Iterator[None]:
+def core_errors() -> Iterator[None]:
     try:
         yield
     except ValueError as error:

@@ -9,7 +9,7 @@
 #![allow(clippy::expect_used, missing_docs)] // A benchmark that cannot run says so by failing.
 
 use fastslam_core::config::{Algorithm, Config};
-use fastslam_core::filter::{FastSlam, Identities, Sighting};
+use fastslam_core::filter::{FastSlam, Identities};
 use fastslam_core::timeline::{Event, LogData, Timeline};
 use fastslam_sim::{simulate, SimulationConfig};
 use std::time::Instant;
@@ -90,16 +90,16 @@ fn pass(config: &Config, log: &LogData) -> Vec<Step> {
     });
     let mut spent_ms = [0.0; FILTERS.len()];
     let (mut done, mut steps) = (0, Vec::new());
-    for event in Timeline::new(log, config.motion.timing(), config.filter.path_period_s) {
+    for event in Timeline::of(log, config.motion.timing(), config.filter.path_period_s) {
         for (filter, spent_ms) in filters.iter_mut().zip(&mut spent_ms) {
             let start = Instant::now();
-            step(filter, event, &log.sightings);
+            step(filter, &event);
             *spent_ms += start.elapsed().as_secs_f64() * 1e3;
         }
-        if let Event::Step { first, end, .. } = event {
-            done += usize::from(end > first);
-            if done > MAPPING && end > first {
-                steps.push((spent_ms, end - first));
+        if let Event::Step { sightings, .. } = event {
+            done += usize::from(!sightings.is_empty());
+            if done > MAPPING && !sightings.is_empty() {
+                steps.push((spent_ms, sightings.len()));
             }
             spent_ms = [0.0; FILTERS.len()];
             if steps.len() == STEPS {
@@ -110,11 +110,11 @@ fn pass(config: &Config, log: &LogData) -> Vec<Step> {
     steps
 }
 
-fn step(filter: &mut FastSlam, event: Event, sightings: &[Sighting]) {
+fn step(filter: &mut FastSlam, event: &Event) {
     match event {
-        Event::Control(part) => filter.advance(&part).expect("a valid control"),
-        Event::Step { stamp_s, first, end } => {
-            filter.update(stamp_s, &sightings[first..end]).expect("explained sightings");
+        Event::Control(part) => filter.advance(part).expect("a valid control"),
+        Event::Step { stamp_s, sightings } => {
+            filter.update(*stamp_s, sightings).expect("explained sightings");
         }
     }
 }

@@ -7,7 +7,7 @@
 #![allow(clippy::expect_used, missing_docs)] // A benchmark that cannot run says so by failing.
 
 use fastslam_core::config::{Algorithm, AssociationMode, Config};
-use fastslam_core::filter::{FastSlam, Identities, Sighting};
+use fastslam_core::filter::{FastSlam, Identities};
 use fastslam_core::timeline::{Event, LogData, Timeline};
 use fastslam_sim::{simulate, SimulationConfig};
 use std::time::Instant;
@@ -45,18 +45,18 @@ fn compare(algorithm: Algorithm, config: &Config, log: &LogData) {
     let begin = log.control_stamps_s.last().copied().unwrap_or(0.0) * 0.9;
     let mut spent_ns = [0.0; 2];
     let mut steps: Vec<[f64; 2]> = Vec::new();
-    for event in Timeline::new(log, config.motion.timing(), config.filter.path_period_s) {
+    for event in Timeline::of(log, config.motion.timing(), config.filter.path_period_s) {
         let took_ns = [0, 1].map(|which| {
             let start = Instant::now();
-            step(&mut filters[which], event, &log.sightings);
+            step(&mut filters[which], &event);
             start.elapsed().as_secs_f64() * 1e9
         });
         (0..2).for_each(|which| spent_ns[which] += took_ns[which]);
         match event {
             Event::Control(..) => {}
-            Event::Step { stamp_s, first, end } => {
-                if stamp_s >= begin && end > first {
-                    let sightings = f64::from(PARTICLES) * (end - first) as f64;
+            Event::Step { stamp_s, sightings } => {
+                if stamp_s >= begin && !sightings.is_empty() {
+                    let sightings = f64::from(PARTICLES) * sightings.len() as f64;
                     steps.push(spent_ns.map(|ns| ns / sightings));
                 }
                 spent_ns = [0.0; 2];
@@ -80,11 +80,11 @@ fn compare(algorithm: Algorithm, config: &Config, log: &LogData) {
     );
 }
 
-fn step(filter: &mut FastSlam, event: Event, sightings: &[Sighting]) {
+fn step(filter: &mut FastSlam, event: &Event) {
     match event {
-        Event::Control(part) => filter.advance(&part).expect("a valid control"),
-        Event::Step { stamp_s, first, end } => {
-            filter.update(stamp_s, &sightings[first..end]).expect("explained sightings");
+        Event::Control(part) => filter.advance(part).expect("a valid control"),
+        Event::Step { stamp_s, sightings } => {
+            filter.update(*stamp_s, sightings).expect("explained sightings");
         }
     }
 }

@@ -151,6 +151,13 @@ pub fn multiply3(a: &Matrix3, b: &Matrix3) -> Matrix3 {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
 }
 
+/// The pose after a motion, and its derivative by the pose.
+pub fn moved_by(pose: Pose, motion: Pose) -> (Pose, Matrix3) {
+    let moved = pose.compose(motion);
+    let by_pose = [[1.0, 0.0, pose.y - moved.y], [0.0, 1.0, moved.x - pose.x], [0.0, 0.0, 1.0]];
+    (moved, by_pose)
+}
+
 /// J S Jᵀ.
 #[inline(always)]
 pub fn transform3(j: &Matrix3, s: &Matrix3) -> Matrix3 {

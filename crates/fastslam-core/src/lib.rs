@@ -31,6 +31,7 @@ pub mod snapshot;
 pub mod step_info;
 pub mod store;
 mod stored_arrays;
+pub mod stream;
 pub mod testing;
 pub mod timeline;
 pub mod vector;

@@ -5,7 +5,7 @@ use crate::geometry::Symmetric2;
 use serde::{Deserialize, Serialize};
 
 /// One detection of a landmark.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sighting {
     /// In the coordinates of the measurement model; (range in m, bearing in rad) for [`crate::measurement::RangeBearing`].
     pub value: [f64; 2],
@@ -25,7 +25,7 @@ impl Sighting {
 }
 
 /// What a detector reports of a landmark beside its place.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Appearance {
     /// Which class, from 0.
     pub class: Option<u32>,
@@ -59,6 +59,15 @@ impl Skipped {
             ("without_identity", without_identity),
             ("bad_covariance", bad_covariance),
         ]
+    }
+
+    /// Counts those of another step as well.
+    pub fn add(&mut self, step: &Self) {
+        self.not_finite += step.not_finite;
+        self.too_near += step.too_near;
+        self.too_far += step.too_far;
+        self.without_identity += step.without_identity;
+        self.bad_covariance += step.bad_covariance;
     }
 
     /// All of them.

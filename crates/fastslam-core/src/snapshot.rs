@@ -25,6 +25,18 @@ pub enum Holds {
     Filter,
     /// A run over a log.
     Run,
+    /// A stream between two rows.
+    Stream,
+}
+
+impl Holds {
+    fn named(self) -> &'static str {
+        match self {
+            Self::Filter => "a filter",
+            Self::Run => "a run over a log",
+            Self::Stream => "a stream",
+        }
+    }
 }
 
 /// What a snapshot says before the state.
@@ -51,6 +63,11 @@ impl Head {
     /// Of a run with this configuration.
     pub(crate) fn of_run(config: &Config, identities: Identities) -> Result<Self> {
         Self::of(Holds::Run, config, identities, "")
+    }
+
+    /// Of a stream with this configuration.
+    pub(crate) fn of_stream(config: &Config, identities: Identities, note: &str) -> Result<Self> {
+        Self::of(Holds::Stream, config, identities, note)
     }
 
     fn of(holds: Holds, config: &Config, identities: Identities, note: &str) -> Result<Self> {
@@ -126,11 +143,10 @@ pub(crate) fn seal(head: &Head, content: &impl Serialize) -> Result<Vec<u8>> {
 /// **Errors:** [`Error::Input`] when the bytes are no snapshot, of another format, cut off, damaged, or of something else.
 pub(crate) fn open(bytes: &[u8], wanted: Holds) -> Result<(Head, &[u8])> {
     let (head, stored) = unsealed(bytes)?;
-    match (wanted, head.holds) {
-        (Holds::Filter, Holds::Run) => Err(refused("it is of a run over a log, not of a filter")),
-        (Holds::Run, Holds::Filter) => Err(refused("it is of a filter, not of a run over a log")),
-        _ => Ok((head, stored)),
+    if head.holds != wanted {
+        return Err(refused(&format!("it is of {}, not of {}", head.holds.named(), wanted.named())));
     }
+    Ok((head, stored))
 }
 
 fn unsealed(bytes: &[u8]) -> Result<(Head, &[u8])> {

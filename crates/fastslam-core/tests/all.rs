@@ -24,6 +24,7 @@ mod robustness;
 mod state;
 mod stores_agree;
 mod stores_agree_on_logs;
+mod stream;
 mod threads;
 
 #[test]

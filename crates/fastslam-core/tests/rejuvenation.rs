@@ -204,11 +204,11 @@ fn poses_before_the_window_stand_still() {
     let window = 40;
     config.filter.rejuvenation.window_steps = Some(window);
     let mut filter = FastSlam::new(config.clone(), Identities::All).unwrap();
-    for event in fastslam_core::timeline::Timeline::new(&log, config.motion.timing(), 0.5) {
+    for event in fastslam_core::timeline::Timeline::of(&log, config.motion.timing(), 0.5) {
         match event {
             fastslam_core::timeline::Event::Control(part) => filter.advance(&part).unwrap(),
-            fastslam_core::timeline::Event::Step { stamp_s, first, end } => {
-                filter.update(stamp_s, &log.sightings[first..end]).map(|_| ()).unwrap();
+            fastslam_core::timeline::Event::Step { stamp_s, sightings } => {
+                filter.update(stamp_s, &sightings).map(|_| ()).unwrap();
             }
         }
     }

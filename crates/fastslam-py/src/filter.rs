@@ -4,6 +4,7 @@ use crate::settings::{to_json, to_python};
 use crate::{arrays, config, run, step};
 use fastslam_core::config::Config;
 use fastslam_core::filter::{Identities, Sighting, StepInfo};
+use fastslam_core::geometry::Pose;
 use fastslam_core::slam::{self, Slam};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -39,9 +40,34 @@ impl Filter {
     }
 }
 
+/// Which sightings will come with an identity.
+pub fn identities_named(name: &str) -> PyResult<Identities> {
+    match name {
+        "all" => Ok(Identities::All),
+        "some" => Ok(Identities::Some),
+        "none" => Ok(Identities::None),
+        other => Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
+    }
+}
+
+/// Poses (M, 3) and weights (M).
+pub fn hypotheses_to_arrays<'py>(py: Python<'py>, hypotheses: &[(Pose, f64)]) -> PyResult<(Matrix<'py>, Vector<'py>)> {
+    let poses: Vec<f64> = hypotheses.iter().flat_map(|(pose, _)| pose.to_array()).collect();
+    let weights: Vec<f64> = hypotheses.iter().map(|(_, weight)| *weight).collect();
+    Ok((poses.into_pyarray(py).reshape([weights.len(), 3])?, weights.into_pyarray(py)))
+}
+
+/// Stamps (T) and poses (T, 3).
+pub fn path_to_arrays<'py>(py: Python<'py>, path: &[(f64, Pose)]) -> PyResult<(Vector<'py>, Matrix<'py>)> {
+    let poses: Vec<f64> = path.iter().flat_map(|node| node.1.to_array()).collect();
+    let stamps: Vec<f64> = path.iter().map(|node| node.0).collect();
+    let count = stamps.len();
+    Ok((stamps.into_pyarray(py), poses.into_pyarray(py).reshape([count, 3])?))
+}
+
 /// The columns of one scan.
 #[derive(FromPyObject)]
-struct Scan<'py>(
+pub struct Scan<'py>(
     PyReadonlyArray1<'py, f64>,
     PyReadonlyArray1<'py, f64>,
     PyReadonlyArray1<'py, i64>,
@@ -52,7 +78,7 @@ struct Scan<'py>(
 
 impl Scan<'_> {
     /// The sightings, checked: nothing of the filter has changed when this fails.
-    fn sightings(self, config: &Config) -> PyResult<Vec<Sighting>> {
+    pub fn sightings(self, config: &Config) -> PyResult<Vec<Sighting>> {
         let Self(range_m, bearing_rad, identity, noise, class_index, signature) = self;
         let looks = arrays::Looks { class_index, signature };
         let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref(), &looks)?;
@@ -65,12 +91,7 @@ impl Scan<'_> {
 impl Filter {
     #[new]
     fn new(config_json: &str, identities: &str) -> PyResult<Self> {
-        let identities = match identities {
-            "all" => Identities::All,
-            "some" => Identities::Some,
-            "none" => Identities::None,
-            other => return Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
-        };
+        let identities = identities_named(identities)?;
         let config = config::parse(config_json)?;
         let filter = Mutex::new(slam::create(config.clone(), identities).map_err(to_python)?);
         Ok(Self { filter, config })
@@ -129,9 +150,7 @@ impl Filter {
     /// Poses (M, 3) and normalised weights (M) of the particles.
     fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Vector<'py>)> {
         let hypotheses = self.locked(py, |filter| filter.weighted_poses())?;
-        let poses: Vec<f64> = hypotheses.iter().flat_map(|(pose, _)| pose.to_array()).collect();
-        let weights: Vec<f64> = hypotheses.iter().map(|(_, weight)| *weight).collect();
-        Ok((poses.into_pyarray(py).reshape([weights.len(), 3])?, weights.into_pyarray(py)))
+        hypotheses_to_arrays(py, &hypotheses)
     }
 
     /// Draws all particles anew from the posterior over paths; false when it was not configured or nothing changed.
@@ -147,9 +166,6 @@ impl Filter {
     /// Stamps (T) and poses (T, 3) of the path of the best particle.
     fn best_path<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
         let path = self.locked(py, |filter| filter.best_path())?;
-        let poses: Vec<f64> = path.iter().flat_map(|node| node.1.to_array()).collect();
-        let stamps: Vec<f64> = path.iter().map(|node| node.0).collect();
-        let count = stamps.len();
-        Ok((stamps.into_pyarray(py), poses.into_pyarray(py).reshape([count, 3])?))
+        path_to_arrays(py, &path)
     }
 }

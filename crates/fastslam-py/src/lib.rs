@@ -10,6 +10,7 @@ mod run;
 mod settings;
 mod simulation;
 mod step;
+mod stream;
 
 use pyo3::prelude::*;
 
@@ -25,6 +26,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
     module.add_function(wrap_pyfunction!(step::step_fields, module)?)?;
     module.add_class::<filter::Filter>()?;
+    module.add_class::<stream::Stream>()?;
     arena::register(module)?;
     detect::register(module)?;
     simulation::register(module)

@@ -5,7 +5,7 @@ use crate::{arrays, config, noise, step};
 use fastslam_core::config::Config;
 use fastslam_core::filter::MapEstimate;
 use fastslam_core::run::{Observer, RunOutput, StepRecord};
-use fastslam_core::timeline::{LogData, Timeline};
+use fastslam_core::timeline::LogData;
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -107,7 +107,7 @@ pub fn run<'py>(
             &arrays::Looks { class_index, signature },
         )?,
     };
-    let total = Timeline::new(&log, config.motion.timing(), config.filter.path_period_s).step_bound();
+    let total = log.step_bound(config.filter.path_period_s);
     let every_s = checkpoint_every_s;
     let checkpoints = checkpoint.map(|callback| Checkpoints { callback, every_s, next_s: every_s });
     let start = Instant::now();

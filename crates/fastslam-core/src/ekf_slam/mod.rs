@@ -17,7 +17,7 @@ use crate::diagnosis::names::{Doubt, Misfit, NamedPlace, IMPLAUSIBLE};
 use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::error::{Error, Result};
 use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Sighting, StepInfo};
-use crate::geometry::{transform3, Matrix3, Pose, Symmetric2};
+use crate::geometry::{moved_by, Pose, Symmetric2};
 use crate::landmark::{fit_with_tail, Fit, Measured};
 use crate::limits::LARGEST_STATE;
 use crate::math::wrap_angle;
@@ -467,11 +467,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
 
     /// Mean and covariance of the pose with the motion since the last update.
     pub fn predicted_pose(&self) -> PoseEstimate {
-        let (mean, by_pose) = moved_by(self.state.pose, self.state.pending.mean);
-        let old = transform3(&by_pose, &self.state.covariance.of_pose());
-        let noise = self.state.pending.covariance_in_world(self.state.pose.heading);
-        let covariance = std::array::from_fn(|i| std::array::from_fn(|j| old[i][j] + noise[i][j]));
-        PoseEstimate { mean, covariance }
+        let here = PoseEstimate { mean: self.state.pose, covariance: self.state.covariance.of_pose() };
+        here.moved(&self.state.pending)
     }
 
     /// Motion since the last update.
@@ -520,11 +517,4 @@ impl<M: MeasurementModel> EkfSlam<M> {
             bytes: self.state.covariance.bytes() + 8 * self.state.mean.len(),
         }
     }
-}
-
-/// The pose after a motion, and its derivative by the pose.
-fn moved_by(pose: Pose, motion: Pose) -> (Pose, Matrix3) {
-    let moved = pose.compose(motion);
-    let by_pose = [[1.0, 0.0, pose.y - moved.y], [0.0, 1.0, moved.x - pose.x], [0.0, 0.0, 1.0]];
-    (moved, by_pose)
 }

@@ -1,7 +1,8 @@
 //! The particles: poses and weights as columns.
 
-use crate::geometry::{Matrix3, Pose};
+use crate::geometry::{moved_by, transform3, Matrix3, Pose};
 use crate::math;
+use crate::motion::MotionGaussian;
 use crate::resampling::follow;
 use crate::vector::sums;
 use serde::{Deserialize, Serialize};
@@ -91,6 +92,17 @@ pub struct PoseEstimate {
     pub mean: Pose,
     /// Covariance of (x, y, heading): between particles plus, in FastSLAM 2.0, within them.
     pub covariance: Matrix3,
+}
+
+impl PoseEstimate {
+    /// The pose after a motion that is independent of it, to first order.
+    pub fn moved(&self, motion: &MotionGaussian) -> Self {
+        let (mean, by_pose) = moved_by(self.mean, motion.mean);
+        let old = transform3(&by_pose, &self.covariance);
+        let noise = motion.covariance_in_world(self.mean.heading);
+        let covariance = std::array::from_fn(|i| std::array::from_fn(|j| old[i][j] + noise[i][j]));
+        Self { mean, covariance }
+    }
 }
 
 /// The moments of a weighted mixture of Gaussians over poses, given as (mean, covariance).

@@ -129,7 +129,7 @@ pub struct Sensor {
     /// What the sensor adds to every bearing. A sensor with this alone is one that is mounted turned the other way.
     pub bearing_bias_rad: f64,
     /// How late the stamps of sightings are against those of the odometry: a sighting is of the pose this long before
-    /// its stamp. Runs over a log apply it; a live filter is told stamps that are right.
+    /// its stamp. Runs over a log and `Robot` apply it; `FastSlam` is told stamps that are right.
     pub delay_s: f64,
     /// Pose of the sensor on the robot.
     pub mounting: Mounting,

@@ -1,18 +1,16 @@
 //! A whole log through the filter, in one call.
 
 mod resume;
-mod unsampled;
 
 use crate::config::Config;
 use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::Result;
-use crate::filter::{Identities, MapEstimate, PoseEstimate, Sighting, Skipped, StepInfo};
+use crate::filter::{Identities, MapEstimate, Skipped};
 use crate::geometry::Pose;
-use crate::slam::{self, Slam};
 use crate::store::StoreUsage;
-use crate::timeline::{Event, LogData, Timeline};
-use serde::{Deserialize, Serialize};
-use unsampled::{with_unsampled, PathStep};
+pub use crate::stream::StepRecord;
+use crate::stream::{Stream, Window};
+use crate::timeline::{LogData, Row};
 
 /// Whoever watches a run: it has the clock, and may stop the run.
 pub trait Observer {
@@ -26,19 +24,6 @@ pub trait Observer {
     }
     /// Gets the snapshot that was wanted, from which [`resume`] goes on.
     fn keep(&mut self, _snapshot: Vec<u8>) {}
-}
-
-/// What the filter knew after a step.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct StepRecord {
-    /// Seconds.
-    pub stamp_s: f64,
-    /// Pose with its covariance.
-    pub pose: PoseEstimate,
-    /// What happened.
-    pub info: StepInfo,
-    /// Computing time of the step with the motion before it, seconds.
-    pub latency_s: f64,
 }
 
 /// The outcome of a run.
@@ -88,20 +73,9 @@ pub fn resume(config: &Config, log: &LogData, snapshot: &[u8], observer: &mut dy
 struct Run<'a> {
     config: &'a Config,
     log: &'a LogData,
-    timeline: Timeline<'a>,
-    filter: Box<dyn Slam>,
-    done: Done,
-}
-
-/// What a run has done so far; with the filter all that a later step needs.
-#[derive(Debug, Default, Serialize, Deserialize)]
-struct Done {
-    /// Events taken from the timeline.
-    events: u64,
+    rows: Box<dyn Iterator<Item = Row> + 'a>,
+    stream: Stream,
     steps: Vec<StepRecord>,
-    path_steps: Vec<PathStep>,
-    skipped: Skipped,
-    repaired: u64,
 }
 
 impl<'a> Run<'a> {
@@ -109,74 +83,57 @@ impl<'a> Run<'a> {
         log.validate()?;
         log.check_gaps(config.filter.path_period_s)?;
         config.association.check_classes(&log.sightings)?;
-        let timeline = Timeline::new(log, config.motion.timing(), config.filter.path_period_s);
-        let filter = slam::create(config.clone(), identities_in(log))?;
-        Ok(Self { config, log, timeline, filter, done: Done::default() })
+        let stream = Stream::new(config.clone(), identities_in(log), Window::OF_A_LOG)?;
+        Ok(Self { config, log, rows: Box::new(log.rows()), stream, steps: Vec::new() })
     }
 
     fn finish(mut self, observer: &mut dyn Observer) -> Result<RunOutput> {
         let (mut started_s, mut interrupted) = (observer.now_s(), false);
-        while let Some(event) = self.timeline.next() {
-            self.done.events += 1;
-            match event {
-                Event::Control(part) => self.filter.advance(&part)?,
-                Event::Step { stamp_s, first, end } => {
-                    self.step(stamp_s, &self.log.sightings[first..end])?;
-                    self.done.clock(observer.now_s() - started_s);
-                    interrupted = !observer.step_done(self.done.steps.len());
-                    if observer.wants_snapshot() {
-                        observer.keep(self.snapshot()?);
-                    }
-                    started_s = observer.now_s();
-                }
+        while let Some(record) = self.next_step()? {
+            self.steps.push(StepRecord { latency_s: observer.now_s() - started_s, ..record });
+            interrupted = !observer.step_done(self.steps.len());
+            if observer.wants_snapshot() {
+                observer.keep(self.snapshot()?);
             }
             if interrupted {
                 break;
             }
+            started_s = observer.now_s();
         }
         if !interrupted {
-            self.filter.finish();
+            self.stream.finish();
         }
-        let finishing_s = observer.now_s() - started_s;
+        let finishing_s = if interrupted { 0.0 } else { observer.now_s() - started_s };
         Ok(RunOutput { interrupted, ..self.output(finishing_s) })
     }
 
-    /// A step of the filter, taken down. Its computing time is not known yet.
-    fn step(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<()> {
-        let motion = self.filter.pending_motion().mean;
-        let info = self.filter.update(stamp_s, sightings)?;
-        let done = &mut self.done;
-        done.path_steps.push(PathStep { stamp_s, motion, sampled: info.sampled });
-        done.steps.push(StepRecord { stamp_s, pose: self.filter.pose(), info, latency_s: 0.0 });
-        add(&mut done.skipped, &info.skipped);
-        done.repaired += u64::from(info.repaired);
-        Ok(())
+    /// The next step of the log; none at its end.
+    fn next_step(&mut self) -> Result<Option<StepRecord>> {
+        loop {
+            if let Some(record) = self.stream.step()? {
+                return Ok(Some(record));
+            }
+            let Some(row) = self.rows.next() else { return Ok(None) };
+            self.stream.push(row)?;
+        }
     }
 
     fn output(mut self, finishing_s: f64) -> RunOutput {
-        let Done { steps, path_steps, skipped, repaired, .. } = self.done;
-        let start = self.config.initial_pose.T_world_robot();
+        let filter = self.stream.filter();
+        let (map, usage) = (filter.map(), filter.usage());
+        let (noise, two_places, returns) = (filter.noise_report(), filter.two_places(), filter.returns());
         RunOutput {
-            filter_seconds: steps.iter().map(|s| s.latency_s).sum::<f64>() + finishing_s,
-            steps,
-            smoothed: with_unsampled(&self.filter.best_path(), &path_steps, start),
-            map: self.filter.map(),
-            skipped,
-            repaired,
-            noise: self.filter.noise_report(),
-            two_places: self.filter.two_places(),
-            returns: self.filter.returns(),
-            usage: self.filter.usage(),
+            filter_seconds: self.steps.iter().map(|s| s.latency_s).sum::<f64>() + finishing_s,
+            steps: self.steps,
+            smoothed: self.stream.smoothed(),
+            map,
+            skipped: self.stream.skipped(),
+            repaired: self.stream.repaired(),
+            noise,
+            two_places,
+            returns,
+            usage,
             interrupted: false,
-        }
-    }
-}
-
-impl Done {
-    /// The computing time of the last step, the motion before it included.
-    fn clock(&mut self, seconds: f64) {
-        if let Some(last) = self.steps.last_mut() {
-            last.latency_s = seconds;
         }
     }
 }
@@ -190,12 +147,4 @@ fn identities_in(log: &LogData) -> Identities {
     } else {
         Identities::Some
     }
-}
-
-fn add(total: &mut Skipped, step: &Skipped) {
-    total.not_finite += step.not_finite;
-    total.too_near += step.too_near;
-    total.too_far += step.too_far;
-    total.without_identity += step.without_identity;
-    total.bad_covariance += step.bad_covariance;
 }

@@ -1,9 +1,11 @@
 //! A run's snapshot, and going on from it.
 
-use super::{identities_in, Done, Run};
+use super::{identities_in, Run};
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::sighting::Skipped;
 use crate::snapshot::{content, open, seal, Head, Holds};
+use crate::stream::{PathStep, StepRecord, Tally};
 use crate::timeline::LogData;
 use serde::Deserialize;
 
@@ -11,10 +13,22 @@ use serde::Deserialize;
 #[derive(Deserialize)]
 struct Stored(u32, Done, Vec<u8>);
 
+/// What a run has done so far; with the filter all that a later step needs.
+#[derive(Deserialize)]
+struct Done {
+    events: u64,
+    steps: Vec<StepRecord>,
+    path_steps: Vec<PathStep>,
+    skipped: Skipped,
+    repaired: u64,
+}
+
 impl<'a> Run<'a> {
     pub(super) fn snapshot(&self) -> Result<Vec<u8>> {
         let head = Head::of_run(self.config, identities_in(self.log))?;
-        seal(&head, &(self.log.checksum(), &self.done, self.filter.save("")?))
+        let Tally { events, path_steps, skipped, repaired } = self.stream.tally();
+        let done = (events, &self.steps, path_steps, skipped, repaired);
+        seal(&head, &(self.log.checksum(), done, self.stream.save_filter()?))
     }
 
     pub(super) fn from_snapshot(config: &'a Config, log: &'a LogData, snapshot: &[u8]) -> Result<Self> {
@@ -25,9 +39,9 @@ impl<'a> Run<'a> {
         if checksum != log.checksum() {
             return Err(Error::Input("the snapshot is refused: it is of a run over another log".into()));
         }
-        run.filter.restore(&filter)?;
-        run.timeline.by_ref().take(done.events as usize).for_each(drop);
-        run.done = done;
+        let Done { events, steps, path_steps, skipped, repaired } = done;
+        run.stream.go_to(Tally { events, path_steps, skipped, repaired }, &filter, &mut run.rows)?;
+        run.steps = steps;
         Ok(run)
     }
 }

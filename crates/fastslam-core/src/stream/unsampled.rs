@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// A step as the smoothed path needs it.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) struct PathStep {
+pub(crate) struct PathStep {
     /// Seconds.
     pub stamp_s: f64,
     /// Motion from the last sampled pose to this step, as the odometry has it.

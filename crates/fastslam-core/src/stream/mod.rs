@@ -1,0 +1,226 @@
+//! The filter on a stream of rows: what a run over a log and a robot that drives have in common.
+
+mod intake;
+mod unsampled;
+
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::filter::{Identities, PoseEstimate};
+use crate::geometry::Pose;
+use crate::motion::MotionGaussian;
+use crate::sighting::{Sighting, Skipped};
+use crate::slam::{self, Slam};
+use crate::snapshot::{content, open, seal, Head, Holds};
+use crate::step_info::StepInfo;
+use crate::timeline::{Event, Row, Timeline};
+use intake::{stamp_of, Intake};
+pub use intake::{Refused, Taken, Window};
+use serde::{Deserialize, Serialize};
+use unsampled::with_unsampled;
+pub(crate) use unsampled::PathStep;
+
+/// What the filter knew after a step.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StepRecord {
+    /// Seconds.
+    pub stamp_s: f64,
+    /// Pose with its covariance.
+    pub pose: PoseEstimate,
+    /// What happened.
+    pub info: StepInfo,
+    /// Computing time of the step with the motion before it, seconds; whoever has a clock sets it.
+    pub latency_s: f64,
+}
+
+/// What was done so far, beside what the filter knows.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Tally {
+    /// Events taken from the timeline.
+    pub events: u64,
+    /// The steps as the smoothed path needs them.
+    pub path_steps: Vec<PathStep>,
+    /// Sightings that could not be used, in total.
+    pub skipped: Skipped,
+    /// Landmark covariances that were repaired, in total.
+    pub repaired: u64,
+}
+
+/// What follows the head of a snapshot; the last is the filter's own.
+#[derive(Deserialize)]
+struct Stored(Timeline, Intake, Tally, MotionGaussian, Vec<u8>);
+
+/// A filter that is told rows as they come and steps as far as they reach.
+///
+/// The rows of a log, pushed in any order in which none is later than the window allows, give the bits of a run over it.
+pub struct Stream {
+    config: Config,
+    identities: Identities,
+    filter: Box<dyn Slam>,
+    timeline: Timeline,
+    intake: Intake,
+    tally: Tally,
+    /// Motion since the last step.
+    since: MotionGaussian,
+}
+
+impl Stream {
+    /// A robot at its initial pose with an empty map.
+    ///
+    /// **Errors:** an invalid configuration. The window is taken as it is: see [`Window::validate`].
+    pub fn new(config: Config, identities: Identities, window: Window) -> Result<Self> {
+        let filter = slam::create(config.clone(), identities)?;
+        let timeline = Timeline::new(config.motion.timing(), config.filter.path_period_s, window.wait_s);
+        let (intake, tally, since) = (Intake::new(window), Tally::default(), MotionGaussian::default());
+        Ok(Self { config, identities, filter, timeline, intake, tally, since })
+    }
+
+    /// Takes a row; what follows from it is computed by [`Stream::step`].
+    ///
+    /// **Errors:** a row whose numbers are none, or a class that is not configured; nothing has changed then.
+    pub fn push(&mut self, row: Row) -> Result<Taken> {
+        if let Row::Sightings(_, seen) = &row {
+            self.config.association.check_classes(seen)?;
+        }
+        if let Some(stamp_s) = stamp_of(&row)? {
+            let taken = self.intake.judge(stamp_s, self.timeline.settled_s());
+            if taken != Taken::Yes {
+                return Ok(taken);
+            }
+        }
+        if !self.timeline.put(row) {
+            return Ok(self.intake.refuse(Taken::Repeated));
+        }
+        self.timeline.settle(self.intake.settled_s());
+        Ok(Taken::Yes)
+    }
+
+    /// The next step that the rows so far allow; none where more must come.
+    ///
+    /// **Errors:** the filter's; where a scan cannot be explained it is as it was before the scan, which is passed over.
+    pub fn step(&mut self) -> Result<Option<StepRecord>> {
+        while let Some(event) = self.timeline.next() {
+            self.tally.events += 1;
+            match event {
+                Event::Control(part) => {
+                    self.filter.advance(&part)?;
+                    self.since = self.since.then(&self.config.motion.of(&part)?);
+                }
+                Event::Step { stamp_s, sightings } => return self.update(stamp_s, &sightings).map(Some),
+            }
+        }
+        Ok(None)
+    }
+
+    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepRecord> {
+        let motion = self.filter.pending_motion().mean;
+        let info = self.filter.update(stamp_s, sightings)?;
+        self.since = MotionGaussian::default();
+        self.tally.path_steps.push(PathStep { stamp_s, motion, sampled: info.sampled });
+        self.tally.skipped.add(&info.skipped);
+        self.tally.repaired += u64::from(info.repaired);
+        Ok(StepRecord { stamp_s, pose: self.filter.pose(), info, latency_s: 0.0 })
+    }
+
+    /// Ends the stream: what the filter can still learn from the whole of it. Returns whether anything changed.
+    pub fn finish(&mut self) -> bool {
+        self.filter.finish()
+    }
+
+    /// Path of the best hypothesis with a pose at every step: stamps in seconds and `T_world_robot`.
+    pub fn smoothed(&self) -> Vec<(f64, Pose)> {
+        let start = self.config.initial_pose.T_world_robot();
+        with_unsampled(&self.filter.best_path(), &self.tally.path_steps, start)
+    }
+
+    /// The pose at the newest row, with its stamp in seconds: where the rows that still wait lead from what is
+    /// computed. None before the first row.
+    pub fn newest_pose(&self) -> Result<Option<(f64, PoseEstimate)>> {
+        let start = PoseEstimate { mean: self.config.initial_pose.T_world_robot(), ..PoseEstimate::default() };
+        let pose = if self.tally.path_steps.is_empty() { start } else { self.filter.pose() };
+        let (mut ahead, mut motion) = (self.timeline.clone(), self.since);
+        ahead.put(Row::End);
+        for event in ahead.by_ref() {
+            if let Event::Control(part) = event {
+                motion = motion.then(&self.config.motion.of(&part)?);
+            }
+        }
+        Ok(ahead.now_s().map(|stamp_s| (stamp_s, pose.moved(&motion))))
+    }
+
+    /// The filter.
+    pub fn filter(&mut self) -> &mut dyn Slam {
+        self.filter.as_mut()
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Rows that were refused so far.
+    pub fn refused(&self) -> Refused {
+        self.intake.refused
+    }
+
+    /// Sightings that could not be used so far.
+    pub fn skipped(&self) -> Skipped {
+        self.tally.skipped
+    }
+
+    /// Landmark covariances that were repaired so far.
+    pub fn repaired(&self) -> u64 {
+        self.tally.repaired
+    }
+
+    /// Rows that wait for others.
+    pub fn waiting(&self) -> usize {
+        self.timeline.waiting()
+    }
+
+    /// The state as bytes, the rows that wait included, from which [`Stream::load`] goes on to the same bits; `note` is
+    /// kept in their head.
+    pub fn save(&self, note: &str) -> Result<Vec<u8>> {
+        let head = Head::of_stream(&self.config, self.identities, note)?;
+        seal(&head, &(&self.timeline, &self.intake, &self.tally, &self.since, self.filter.save("")?))
+    }
+
+    /// The stream that a snapshot was taken of, with its note.
+    ///
+    /// **Errors:** [`Error::Input`] when the bytes are no snapshot, of something else, of another format or damaged.
+    pub fn load(snapshot: &[u8]) -> Result<(Self, String)> {
+        let (head, stored) = open(snapshot, Holds::Stream)?;
+        let Stored(timeline, intake, tally, since, filter) = content(stored)?;
+        let fresh = Self::new(head.config()?, head.identities, intake.window)?;
+        let mut stream = Self { timeline, intake, tally, since, ..fresh };
+        stream.filter.restore(&filter)?;
+        Ok((stream, head.note))
+    }
+
+    /// What was done so far, for the snapshot of a run over a log.
+    pub(crate) fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    /// The filter's own snapshot.
+    pub(crate) fn save_filter(&self) -> Result<Vec<u8>> {
+        self.filter.save("")
+    }
+
+    /// Goes to where a run over a log was cut: `rows` are those of the log.
+    ///
+    /// **Errors:** a filter that is refused, or rows that end before the cut.
+    pub(crate) fn go_to(&mut self, tally: Tally, filter: &[u8], rows: &mut dyn Iterator<Item = Row>) -> Result<()> {
+        self.filter.restore(filter)?;
+        let mut passed = 0;
+        while passed < tally.events {
+            if self.timeline.next().is_some() {
+                passed += 1;
+            } else {
+                let row = rows.next().ok_or_else(|| Error::Input("the snapshot is of a longer log".into()))?;
+                self.push(row)?;
+            }
+        }
+        self.tally = tally;
+        Ok(())
+    }
+}

@@ -1,0 +1,148 @@
+//! The filter on a stream of rows.
+
+use crate::filter::{identities_named, Scan};
+use crate::settings::{to_json, to_python};
+use crate::{config, noise, run, step};
+use fastslam_core::config::Config;
+use fastslam_core::error::Result;
+use fastslam_core::filter::PoseEstimate;
+use fastslam_core::geometry::Matrix3;
+use fastslam_core::stream::{StepRecord, Stream as Core, Taken, Window};
+use fastslam_core::timeline::{ControlRow, Row};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use pyo3::exceptions::PySystemError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use std::sync::Mutex;
+
+type Vector<'py> = Bound<'py, PyArray1<f64>>;
+type Matrix<'py> = Bound<'py, PyArray2<f64>>;
+/// A stamp with the mean (3) and the covariance (3, 3) of a pose.
+type StampedPose<'py> = (f64, Vector<'py>, Matrix<'py>);
+
+/// A stream; frozen around a lock, as `Filter` is.
+#[pyclass(frozen)]
+pub struct Stream {
+    stream: Mutex<Core>,
+    config: Config,
+}
+
+impl Stream {
+    fn locked<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Core) -> T + Send) -> PyResult<T> {
+        py.detach(|| self.stream.lock().map(|mut stream| work(&mut stream)).ok())
+            .ok_or_else(|| PySystemError::new_err("the stream failed in an earlier call and cannot go on"))
+    }
+
+    fn put(&self, py: Python<'_>, row: Row) -> PyResult<&'static str> {
+        let taken: Result<Taken> = self.locked(py, |stream| stream.push(row))?;
+        Ok(match taken.map_err(to_python)? {
+            Taken::Yes => "taken",
+            Taken::Late => "late",
+            Taken::Repeated => "repeated",
+            Taken::Ahead => "ahead",
+        })
+    }
+}
+
+fn pose_to_arrays<'py>(py: Python<'py>, stamp_s: f64, pose: &PoseEstimate) -> PyResult<StampedPose<'py>> {
+    let covariance = pose.covariance.concat().into_pyarray(py).reshape([3, 3])?;
+    Ok((stamp_s, pose.mean.to_array().to_vec().into_pyarray(py), covariance))
+}
+
+#[pymethods]
+impl Stream {
+    /// `window`: how late rows may be, how long sightings wait for odometry, how far ahead a row may be; seconds.
+    #[new]
+    fn new(config_json: &str, identities: &str, window: [f64; 3]) -> PyResult<Self> {
+        let config = config::parse(config_json)?;
+        let [late_s, wait_s, gap_s] = window;
+        let window = Window { late_s, wait_s, gap_s };
+        window.validate().map_err(to_python)?;
+        let stream = Core::new(config.clone(), identities_named(identities)?, window).map_err(to_python)?;
+        Ok(Self { stream: Mutex::new(stream), config })
+    }
+
+    /// The stream of a snapshot, its configuration as JSON, and the note that was kept with it.
+    #[staticmethod]
+    fn load(py: Python<'_>, snapshot: &[u8]) -> PyResult<(Self, String, String)> {
+        let (stream, note) = py.detach(|| Core::load(snapshot)).map_err(to_python)?;
+        let config = stream.config().clone();
+        Ok((Self { stream: Mutex::new(stream), config: config.clone() }, to_json(&config)?, note))
+    }
+
+    fn save<'py>(&self, py: Python<'py>, note: &str) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = self.locked(py, |stream| stream.save(note))?.map_err(to_python)?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// What became of the row: taken, late, repeated or ahead.
+    #[pyo3(signature = (stamp_s, control, covariance=None))]
+    fn odometry(
+        &self,
+        py: Python<'_>,
+        stamp_s: f64,
+        control: [f64; 3],
+        covariance: Option<Matrix3>,
+    ) -> PyResult<&'static str> {
+        self.put(py, Row::Control(ControlRow { stamp_s, control, covariance }))
+    }
+
+    /// As `odometry`, of the sightings of one moment.
+    fn sightings(&self, py: Python<'_>, stamp_s: f64, scan: Scan<'_>) -> PyResult<&'static str> {
+        let seen = scan.sightings(&self.config)?;
+        self.put(py, Row::Sightings(stamp_s, seen))
+    }
+
+    /// Nothing more comes.
+    fn end(&self, py: Python<'_>) -> PyResult<&'static str> {
+        self.put(py, Row::End)
+    }
+
+    /// The next step that the rows allow: its stamp, pose, covariance and fields; none where more must come.
+    fn step<'py>(&self, py: Python<'py>) -> PyResult<Option<(StampedPose<'py>, Bound<'py, PyDict>)>> {
+        let record = self.locked(py, Core::step)?.map_err(to_python)?;
+        let Some(StepRecord { stamp_s, pose, info, .. }) = record else { return Ok(None) };
+        let dict = PyDict::new(py);
+        step::set_values(&dict, &info)?;
+        dict.set_item("warnings", noise::warnings(py, &info.noise_warnings, &self.config.motion)?)?;
+        Ok(Some((pose_to_arrays(py, stamp_s, &pose)?, dict)))
+    }
+
+    fn finish(&self, py: Python<'_>) -> PyResult<bool> {
+        self.locked(py, Core::finish)
+    }
+
+    /// Stamp, mean and covariance of the pose at the newest row; none before the first.
+    fn newest_pose<'py>(&self, py: Python<'py>) -> PyResult<Option<StampedPose<'py>>> {
+        let newest = self.locked(py, |stream| stream.newest_pose())?.map_err(to_python)?;
+        newest.map(|(stamp_s, pose)| pose_to_arrays(py, stamp_s, &pose)).transpose()
+    }
+
+    /// Poses (M, 3) and normalised weights (M) of the particles.
+    fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Vector<'py>)> {
+        let hypotheses = self.locked(py, |stream| stream.filter().weighted_poses())?;
+        crate::filter::hypotheses_to_arrays(py, &hypotheses)
+    }
+
+    fn map<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let map = self.locked(py, |stream| stream.filter().map())?;
+        run::map_to_dict(py, &map)
+    }
+
+    /// Stamps (T) and poses (T, 3) of the path with a pose at every step.
+    fn smoothed<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
+        let path = self.locked(py, |stream| stream.smoothed())?;
+        crate::filter::path_to_arrays(py, &path)
+    }
+
+    /// Numbers of rows that were refused, by reason, and of those that wait.
+    fn counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (refused, waiting) = self.locked(py, |stream| (stream.refused(), stream.waiting()))?;
+        let dict = PyDict::new(py);
+        dict.set_item("late", refused.late)?;
+        dict.set_item("repeated", refused.repeated)?;
+        dict.set_item("ahead", refused.ahead)?;
+        dict.set_item("waiting", waiting)?;
+        Ok(dict)
+    }
+}

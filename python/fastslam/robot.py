@@ -1,0 +1,295 @@
+"""A robot that drives: rows of odometry and sightings as they come, also late; estimates as arrays."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections import ChainMap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _core
+from ._given import numbers, shown
+from .config import Config
+from .errors import DataError, NumericalError
+from .filter import (
+    Identity,
+    StepInfo,
+    checked_control,
+    checked_scan,
+    core_errors,
+    landmark_map,
+    number,
+    step_info,
+)
+from .limits import stamp_fault
+from .log import Floats
+from .result import LandmarkMap, Trajectory
+from .settings import Layer
+
+
+@dataclass(frozen=True)
+class Window:
+    """What may come when, in seconds of the rows' own stamps; no clock is asked.
+
+    A row may be `late_s` older than the newest one: nothing is computed before, so this is also how far the
+    map lags. Sightings wait `wait_s` for the row of odometry after them; then the robot is taken to move on
+    as it did (where odometry is a speed) or to stand (where it is a displacement). A row further than `gap_s`
+    ahead of all others is refused, unless another row confirms that the clock was set.
+    """
+
+    late_s: float = 0.2
+    wait_s: float = 2.0
+    gap_s: float = 60.0
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of the filter: when, pose (3,) and covariance (3, 3) as x, y, heading, and what happened."""
+
+    stamp_s: float
+    T_world_robot: Floats
+    covariance: Floats
+    info: StepInfo
+
+
+class Robot:
+    """The filter on a live stream. Every row has the stamp at which it was measured.
+
+    `config` is laid over the defaults, `identities` as for `FastSlam`. `classes` names the classes of
+    `association.classes`; those seen beyond them are numbered as they come.
+
+    >>> robot = Robot({"filter": {"particles": 50}}, window=Window(late_s=0.1))
+    >>> steps = robot.odometry(0.0, [1.0, 0.0])
+    >>> steps = robot.sightings(0.1, range_m=[2.0, 3.0], bearing_rad=[0.5, -0.4], identity=["oak", "elm"])
+    >>> steps = robot.odometry(0.2, [1.0, 0.0]) + robot.odometry(0.4, [1.0, 0.0])
+    >>> steps[0].stamp_s, steps[0].info.new_landmarks, robot.pose[0]
+    (0.1, 2, 0.4)
+
+    `odometry` and `sightings` return the steps that became possible. The rows of a log, in any order that the
+    window allows, give the bits of `fastslam.run`. A call that raises `DataError` changes nothing. Rows that
+    are late, repeated or too far ahead are refused and counted, and so are scans that no particle can
+    explain: see `counts`. `save` and `load` keep the whole state, the rows that wait included; pickle works.
+
+    Several threads may share one robot: each call sees it between two calls of the others.
+
+    Errors: `ConfigError` for the configuration, `DataError` for a window that is none.
+    """
+
+    def __init__(
+        self,
+        config: Layer | None = None,
+        *,
+        identities: Literal["all", "some", "none"] = "some",
+        window: Window | None = None,
+        classes: Sequence[str] = (),
+    ) -> None:
+        self.config = Config.resolve(config or {})
+        chosen = window or Window()
+        with core_errors():
+            stream = _core.Stream(
+                self.config.to_json(),
+                identities,
+                (number("late_s", chosen.late_s), number("wait_s", chosen.wait_s), chosen.gap_s),
+            )
+        self._begin(stream, classes=classes)
+
+    def _begin(self, stream: _core.Stream, *, names: Sequence[str] = (), classes: Sequence[str] = ()) -> None:
+        self._stream = stream
+        self._control_columns = _core.control_columns(self.config.to_json())
+        self._index_of = {name: index for index, name in enumerate(names)}
+        self._index_of_class = {name: index for index, name in enumerate(classes)}
+        self._unexplained = 0
+        self._ended = False
+        self._lock = threading.RLock()
+
+    def odometry(
+        self, stamp_s: float, control: ArrayLike, *, covariance: ArrayLike | None = None
+    ) -> tuple[Step, ...]:
+        """Takes a row of odometry: the numbers of the motion model, and its covariance (3, 3), if any.
+
+        Errors: `DataError` for another number of values, or values that are none.
+        """
+        values, stamp = checked_control(control, self._control_columns), _stamp(stamp_s)
+        stated = None if covariance is None else _covariance(covariance)
+        with self._lock:
+            self._check_going_on()
+            return self._taken(lambda: self._stream.odometry(stamp, values, stated))[1]
+
+    def sightings(
+        self,
+        stamp_s: float,
+        *,
+        range_m: ArrayLike,
+        bearing_rad: ArrayLike,
+        identity: Sequence[Identity] | None = None,
+        class_name: Sequence[str | None] | None = None,
+        covariance: ArrayLike | None = None,
+        signature: ArrayLike | None = None,
+    ) -> tuple[Step, ...]:
+        """Takes all that was seen at one moment, in the sensor's frame; nothing at all is a scan too.
+
+        Shapes and errors as of `FastSlam.update`, but that a stamp that goes back is counted and no error;
+        `class_name` is None where there is none. `sensor.delay_s` is taken off the stamp, as in a run.
+        """
+        delay_s = self.config["sensor"]["delay_s"]
+        stamp = _stamp(stamp_s) - delay_s if delay_s else _stamp(stamp_s)
+        with self._lock:
+            self._check_going_on()
+            new_classes, class_index = self._class_index(class_name)
+            scan = checked_scan(
+                self.config, range_m, bearing_rad, identity, covariance, class_index, signature
+            )
+            new_names = scan.new_names(self._index_of)
+            columns = scan.columns(ChainMap(new_names, self._index_of))
+            became, steps = self._taken(lambda: self._stream.sightings(stamp, columns))
+            if became == "taken":
+                self._index_of.update(new_names)
+                self._index_of_class.update(new_classes)
+            return steps
+
+    def end(self) -> tuple[Step, ...]:
+        """Takes the rows that still wait, and lets the filter learn what it can from the whole drive."""
+        with self._lock:
+            if self._ended:
+                return ()
+            _, steps = self._taken(self._stream.end)
+            self._stream.finish()
+            self._ended = True
+            return steps
+
+    @property
+    def pose(self) -> tuple[float, Floats, Floats]:
+        """Stamp of the newest row, and the pose there: mean (3,) as x, y, heading, covariance (3, 3).
+
+        Before the first row that is 0 and the initial pose. Rows that wait for others are counted in.
+        """
+        with self._lock, core_errors():
+            newest = self._stream.newest_pose()
+        if newest is not None:
+            return newest
+        start = self.config["initial_pose"]
+        mean = np.array([start["x_m"], start["y_m"], start["heading_rad"]], dtype=np.float64)
+        return 0.0, mean, np.zeros((3, 3))
+
+    @property
+    def particles(self) -> tuple[Floats, Floats]:
+        """Poses `T_world_robot` (M, 3) and normalised weights (M,), as far as steps were computed."""
+        with self._lock:
+            return self._stream.particles()
+
+    @property
+    def landmarks(self) -> LandmarkMap:
+        """The map; landmarks without an identity are named `L<birth number>`."""
+        with self._lock:
+            return landmark_map(self._stream.map(), tuple(self._index_of), tuple(self._index_of_class))
+
+    @property
+    def path(self) -> Trajectory:
+        """The smoothed path with a pose at every step: that of `RunResult.smoothed`."""
+        with self._lock:
+            return Trajectory(*self._stream.smoothed())
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Rows refused as `late`, `repeated` or `ahead`, scans `unexplained`, and rows `waiting`."""
+        with self._lock:
+            return {**self._stream.counts(), "unexplained": self._unexplained}
+
+    def save(self, path: Path | str) -> Path:
+        """Writes the robot to a file, which is the old one or the new one whatever happens meanwhile.
+
+        Errors: `DataError` where the file cannot be written.
+        """
+        from .resultfiles import write_atomically
+
+        return write_atomically(Path(path), self.__getstate__(), durable=True)
+
+    @classmethod
+    def load(cls, path: Path | str) -> Robot:
+        """The robot of a file that `save` wrote.
+
+        Errors: `DataError` for a file that cannot be read, is damaged, or is of something else.
+        """
+        loaded = cls.__new__(cls)
+        try:
+            loaded.__setstate__(Path(path).read_bytes())
+        except OSError as error:
+            raise DataError(f"cannot read: {error.strerror or error}", path) from None
+        except DataError as error:
+            raise DataError(str(error), path) from None
+        return loaded
+
+    def __getstate__(self) -> bytes:
+        with self._lock:
+            names = {"names": list(self._index_of), "classes": list(self._index_of_class)}
+            note = {**names, "unexplained": self._unexplained, "ended": self._ended}
+            return self._stream.save(json.dumps(note))
+
+    def __setstate__(self, snapshot: bytes) -> None:
+        with core_errors():
+            stream, config, note = _core.Stream.load(snapshot)
+        kept = json.loads(note)
+        self.config = Config.resolve(json.loads(config))
+        self._begin(stream, names=kept["names"], classes=kept["classes"])
+        self._unexplained, self._ended = kept["unexplained"], kept["ended"]
+
+    def _taken(self, put: Callable[[], str]) -> tuple[str, tuple[Step, ...]]:
+        """What became of a row, and the steps that it made possible."""
+        with core_errors():
+            became = put()
+        steps: list[Step] = []
+        while True:
+            try:
+                with core_errors():
+                    answer = self._stream.step()
+            except (DataError, NumericalError):
+                # The filter is as it was before the scan.
+                self._unexplained += 1
+                continue
+            if answer is None:
+                return became, tuple(steps)
+            (stamp_s, mean, covariance), fields = answer
+            steps.append(Step(stamp_s, mean, covariance, step_info(fields, self.config)))
+
+    def _class_index(
+        self, class_name: Sequence[str | None] | None
+    ) -> tuple[dict[str, int], list[int] | None]:
+        """Numbers for classes that are new, and that of each sighting."""
+        if class_name is None:
+            return {}, None
+        if isinstance(class_name, str):
+            raise DataError(f"class_name: got the text {class_name!r}, expected one name per sighting")
+        new: dict[str, int] = {}
+        for name in class_name:
+            if not isinstance(name, str | None):
+                raise DataError(f"class_name: got {shown(name)}, expected a name or None")
+            if name is not None and name not in self._index_of_class:
+                new.setdefault(name, len(self._index_of_class) + len(new))
+        known = ChainMap(new, self._index_of_class)
+        return new, [-1 if name is None else known[name] for name in class_name]
+
+    def _check_going_on(self) -> None:
+        if self._ended:
+            raise DataError("the stream was ended")
+
+
+def _stamp(stamp_s: float) -> float:
+    stamp = number("stamp_s", stamp_s)
+    fault = stamp_fault(stamp) if np.isfinite(stamp) else f"got {stamp}, expected seconds"
+    if fault is not None:
+        raise DataError(f"stamp_s: {fault}")
+    return stamp
+
+
+def _covariance(covariance: ArrayLike) -> list[list[float]]:
+    matrix = numbers("covariance", covariance)
+    if matrix.shape != (3, 3):
+        raise DataError(f"covariance: got shape {matrix.shape}, expected (3, 3)")
+    rows: list[list[float]] = matrix.tolist()
+    return rows

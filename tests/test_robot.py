@@ -1,0 +1,126 @@
+"""A robot that is told rows as they come gives what a run over the log gives."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastslam import Robot, run
+from fastslam.errors import ConfigError, DataError
+from fastslam.health import status_name
+from fastslam.log import Log
+from fastslam.robot import Step, Window
+from small_log import make_small_log
+
+CONFIG = {"filter": {"particles": 20}, "seed": 3}
+
+
+def events(log: Log) -> Iterator[tuple[float, int]]:
+    """Stamp and kind (0: odometry) of each row in time order."""
+    for stamp in log.controls.stamp_s:
+        yield float(stamp), 0
+    for stamp in np.unique(log.sightings.stamp_s):
+        yield float(stamp), 1
+
+
+def tell(robot: Robot, log: Log, row: tuple[float, int]) -> tuple[Step, ...]:
+    stamp_s, kind = row
+    if kind == 0:
+        at = int(np.searchsorted(log.controls.stamp_s, stamp_s))
+        return robot.odometry(stamp_s, log.controls.values[at])
+    seen = log.sightings.stamp_s == stamp_s
+    names = [log.identity_names[index] for index in log.sightings.identity[seen]]
+    return robot.sightings(
+        stamp_s,
+        range_m=log.sightings.range_m[seen],
+        bearing_rad=log.sightings.bearing_rad[seen],
+        identity=names,
+    )
+
+
+def test_late_rows_give_the_bits_of_a_run_also_across_a_file(tmp_path: Path) -> None:
+    log = make_small_log()
+    expected = run(log, CONFIG)
+    # Sightings come 0.15 s late.
+    rows = sorted(events(log), key=lambda row: row[0] + 0.15 * row[1])
+    assert rows != sorted(rows)
+    robot = Robot({**log.config, **CONFIG}, identities="all", window=Window(late_s=0.2))
+    steps: list[Step] = []
+    for number, row in enumerate(rows):
+        steps += tell(robot, log, row)
+        if number == 100:
+            robot = Robot.load(robot.save(tmp_path / "robot.fastslam"))
+        if number == 200:
+            robot = pickle.loads(pickle.dumps(copy.deepcopy(robot)))
+    steps += robot.end()
+    assert robot.end() == () and robot.counts == dict.fromkeys(robot.counts, 0)
+    np.testing.assert_array_equal([step.stamp_s for step in steps], expected.trajectory.stamp_s)
+    np.testing.assert_array_equal([step.T_world_robot for step in steps], expected.trajectory.T_world_robot)
+    np.testing.assert_array_equal(robot.path.T_world_robot, expected.smoothed.T_world_robot)
+    assert set(robot.landmarks.ids) == set(expected.landmarks.ids) and len(robot.landmarks.ids) == 6
+    assert steps[-1].info.health == status_name(int(expected.steps.health[-1]))
+    stamp_s, mean, covariance = robot.pose
+    assert stamp_s == log.controls.stamp_s[-1] and covariance.shape == (3, 3)
+    np.testing.assert_allclose(mean, expected.trajectory.T_world_robot[-1], atol=1e-12)
+
+
+def test_bad_rows_change_nothing_and_refused_ones_are_counted() -> None:
+    robot = Robot(CONFIG, window=Window(late_s=0.1))
+    robot.odometry(1.0, [1.0, 0.0])
+    before = pickle.dumps(robot)
+    for bad in (
+        lambda: robot.odometry(1.1, [1.0]),
+        lambda: robot.odometry(1.1, [np.nan, 0.0]),
+        lambda: robot.odometry(np.nan, [1.0, 0.0]),
+        lambda: robot.odometry(1.7e12, [1.0, 0.0]),
+        lambda: robot.odometry(1.1, [1.0, 0.0], covariance=[1.0]),
+        lambda: robot.odometry(1.1, [1.0, 0.0], covariance=-np.eye(3)),
+        lambda: robot.sightings(1.1, range_m=[1.0], bearing_rad=[90.0], identity=["new"]),
+        lambda: robot.sightings(1.1, range_m=[1.0], bearing_rad=[0.1], class_name=["blue"]),
+        lambda: robot.sightings(1.1, range_m=[1.0], bearing_rad=[0.1], class_name="b"),
+    ):
+        with pytest.raises(DataError):
+            bad()
+    assert pickle.dumps(robot) == before
+    robot.odometry(0.5, [1.0, 0.0])
+    robot.odometry(1.0, [2.0, 0.0])
+    robot.odometry(9e9, [1.0, 0.0])
+    assert {**robot.counts, "waiting": 0} == {
+        **{"late": 1, "repeated": 1, "ahead": 1},
+        **{"waiting": 0, "unexplained": 0},
+    }
+    with pytest.raises(DataError, match="late_s"):
+        Robot(window=Window(late_s=-1.0))
+    with pytest.raises(ConfigError, match="particle"):
+        Robot({"filter": {"particle": 3}})
+
+
+def test_classes_have_their_names_and_too_many_are_refused() -> None:
+    robot = Robot({**CONFIG, "association": {"classes": {"number": 2}}}, classes=("blue", "yellow"))
+    robot.odometry(0.0, [0.0, 0.0])
+    robot.sightings(0.1, range_m=[2.0, 3.0], bearing_rad=[0.5, -0.5], class_name=["yellow", None])
+    with pytest.raises(DataError, match="class 2 of a sighting"):
+        robot.sightings(0.2, range_m=[2.0], bearing_rad=[0.5], class_name=["red"])
+    robot.end()
+    assert robot.landmarks.class_names == ("blue", "yellow")
+    classes = robot.landmarks.class_index
+    assert classes is not None and sorted(classes.tolist()) == [-1, 1]
+
+
+def test_threads_share_a_robot() -> None:
+    log = make_small_log(steps=100)
+    robot = Robot(CONFIG, window=Window(late_s=100.0))
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(lambda row: tell(robot, log, row), events(log)))
+    steps = robot.end()
+    alone = Robot(CONFIG, window=Window(late_s=100.0))
+    for row in events(log):
+        tell(alone, log, row)
+    # Names are numbered as they come, and so the steps are the same to rounding only.
+    assert len(steps) == len(alone.end()) >= 20 and robot.counts["late"] == 0
+    np.testing.assert_allclose(robot.pose[1], alone.pose[1], atol=1e-9)
