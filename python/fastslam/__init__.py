@@ -11,38 +11,50 @@ if TYPE_CHECKING:
     from .datasets import load
     from .errors import FastSlamError
     from .filter import FastSlam, StepInfo
+    from .localisation import Localisation, localize
     from .log import Log
+    from .maps import Anywhere, Map, Start
     from .result import RunResult
     from .robot import Robot
     from .runner import run, run_many
     from .tuning import tune
 
 __all__ = [
+    "Anywhere",
     "Config",
     "FastSlam",
     "FastSlamError",
+    "Localisation",
     "Log",
+    "Map",
     "Robot",
     "RunResult",
+    "Start",
     "StepInfo",
     "__version__",
     "convert",
     "load",
+    "localize",
     "run",
     "run_many",
     "tune",
 ]
 
 _MODULE_OF = {
+    "Anywhere": "maps",
     "Config": "config",
     "FastSlam": "filter",
     "FastSlamError": "errors",
+    "Localisation": "localisation",
     "Log": "log",
+    "Map": "maps",
     "Robot": "robot",
     "RunResult": "result",
+    "Start": "maps",
     "StepInfo": "filter",
     "convert": "conversion",
     "load": "datasets",
+    "localize": "localisation",
     "run": "runner",
     "run_many": "runner",
     "tune": "tuning",
@@ -58,7 +70,9 @@ _MODULES = (
         "evaluation",
         "filter",
         "health",
+        "localisation",
         "log",
+        "maps",
     ),
     *("monte_carlo", "outputs", "plots", "report", "result", "resultfiles", "robot", "runner", "settings"),
     *("simulation", "sweep", "tuning"),

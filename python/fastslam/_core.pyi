@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
-from .log import Floats, Ints, Ranges
+from .log import Bools, Floats, Ints, Ranges
 
 __version__: str
 build_profile: str
@@ -52,6 +52,8 @@ def run(
     checkpoint: Callable[[bytes], None] | None = None,
     checkpoint_every_s: float = 60.0,
     resume: bytes | None = None,
+    map: _MapColumns | None = None,
+    start: _Start | None = None,
 ) -> dict[str, Any]:
     """Runs the filter over a log, or goes on from a snapshot (`resume`) that `checkpoint` got.
 
@@ -98,6 +100,12 @@ def scan_arena(
 _ScanColumns: TypeAlias = tuple[Floats, Floats, Ints, Floats | None, Ints | None, Floats | None]
 """Range, bearing and identity of the sightings, then covariance (n, 3), class and signature."""
 
+_MapColumns: TypeAlias = tuple[Floats, Floats, Ints, Ints, Floats, Floats, Ints, Bools]
+"""Mean (n, 2), covariance (n, 3), identity, class, signature, log-odds, sightings, whether it is fixed."""
+
+_Start: TypeAlias = tuple[Floats, Floats | None]
+"""Poses (n, 3); with a covariance (3, 3) the only one is the mean of a Gaussian."""
+
 class Filter:
     """The filter, one control and one scan at a time; several threads may use it."""
 
@@ -105,6 +113,9 @@ class Filter:
     @staticmethod
     def load(snapshot: bytes) -> tuple[Filter, str, str]:
         """The filter of a snapshot, its configuration as JSON, its note. ValueError where it is refused."""
+
+    def begin(self, map: _MapColumns | None = None, start: _Start | None = None) -> None:
+        """Starts in a map, at a start: before anything else. ValueError for one that makes no sense."""
 
     def save(self, note: str) -> bytes: ...
     def predict(self, control: list[float], dt_s: float) -> None: ...

@@ -23,6 +23,7 @@ from .health import reason_names, status_name
 from .identity import nobody_knows
 from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, is_definite, stamp_fault
 from .log import Floats, Ints
+from .maps import Map, StartLike, core_start, first_free_number
 from .noise import noise_sentences
 from .result import LandmarkMap, StepFields, Trajectory
 from .settings import Layer
@@ -57,6 +58,10 @@ class FastSlam:
     >>> info.new_landmarks, sorted(robot.landmarks.ids)
     (2, ['elm', 'oak'])
 
+    With `map` it begins in a map that was kept, and with `start` at a pose that is not known exactly
+    (`fastslam.maps.Start`), or at one of several; the map's landmarks keep their ids. Names count as those of
+    sightings, but for running numbers such as `L7`.
+
     A call that raises `DataError` changes nothing. A `NumericalError` says that no particle can explain a
     scan, or that it would leave numbers that are none: the filter is as it was before the scan, to the last
     bit, and the stream may go on; the motion before the scan stays.
@@ -70,16 +75,31 @@ class FastSlam:
     """
 
     def __init__(
-        self, config: Layer | None = None, *, identities: Literal["all", "some", "none"] = "some"
+        self,
+        config: Layer | None = None,
+        *,
+        identities: Literal["all", "some", "none"] = "some",
+        map: Map | Path | str | None = None,
+        start: StartLike = None,
     ) -> None:
         self.config = Config.resolve(config or {})
-        self._begin(_core.Filter(self.config.to_json(), identities))
+        filter = _core.Filter(self.config.to_json(), identities)
+        chart = Map.load(map) if isinstance(map, Path | str) else map
+        columns: _core._MapColumns | None = None
+        names: Sequence[str] = ()
+        if chart is not None:
+            identity, names = chart.identities(())
+            columns = chart.core_columns(identity, chart.landmarks.class_names)
+        with _core_errors():
+            filter.begin(columns, core_start(start))
+        self._begin(filter, names, () if chart is None else chart.landmarks.ids)
 
-    def _begin(self, filter: _core.Filter) -> None:
+    def _begin(self, filter: _core.Filter, names: Sequence[str], chart_ids: Sequence[str]) -> None:
         """Everything but the configuration, around a filter of the core at its start."""
         self._filter = filter
         self._control_columns = _core.control_columns(self.config.to_json())
-        self._index_of: dict[str, int] = {}
+        self._index_of = {name: index for index, name in enumerate(names)}
+        self._chart_ids = tuple(chart_ids)
         self._stamp_s = 0.0
         self._updated_s = -math.inf
         # Held for a whole call, so that names, stamps and the core's state are of one moment.
@@ -116,6 +136,8 @@ class FastSlam:
         with self._lock:
             updated_s = self._updated_s if math.isfinite(self._updated_s) else None
             note = {"names": list(self._index_of), "stamp_s": self._stamp_s, "updated_s": updated_s}
+            if self._chart_ids:
+                note["chart_ids"] = list(self._chart_ids)
             return self._filter.save(json.dumps(note))
 
     def __setstate__(self, snapshot: bytes) -> None:
@@ -125,8 +147,7 @@ class FastSlam:
             raise DataError("the snapshot has no names of landmarks: it was not written by FastSlam.save")
         kept = json.loads(note)
         self.config = Config.resolve(json.loads(config))
-        self._begin(filter)
-        self._index_of = {name: index for index, name in enumerate(kept["names"])}
+        self._begin(filter, kept["names"], kept.get("chart_ids", ()))
         self._stamp_s = kept["stamp_s"]
         self._updated_s = -math.inf if kept["updated_s"] is None else kept["updated_s"]
 
@@ -219,7 +240,7 @@ class FastSlam:
     def landmarks(self) -> LandmarkMap:
         """The map of the mixture; landmarks without an identity are named `L<birth number>`."""
         with self._lock:
-            return landmark_map(self._filter.map(), tuple(self._index_of))
+            return landmark_map(self._filter.map(), tuple(self._index_of), chart_ids=self._chart_ids)
 
     @property
     def path(self) -> Trajectory:
@@ -400,13 +421,19 @@ def _name(identity: Identity) -> str | None:
 
 
 def landmark_map(
-    columns: dict[str, np.ndarray], identity_names: tuple[str, ...], class_names: tuple[str, ...] = ()
+    columns: dict[str, np.ndarray],
+    identity_names: tuple[str, ...],
+    class_names: tuple[str, ...] = (),
+    chart_ids: tuple[str, ...] = (),
 ) -> LandmarkMap:
-    """A map of the core, its identities replaced by their names; no two landmarks share an id."""
+    """A map of the core, its identities replaced by their names; no two landmarks share an id.
+
+    Landmarks of the map that the filter began with keep the ids that they had there.
+    """
     has_class = bool((columns["class_index"] >= 0).any())
     has_signature = bool(np.isfinite(columns["signature"]).any())
     return LandmarkMap(
-        ids=_unique_ids(columns["birth"].tolist(), columns["identity"].tolist(), identity_names),
+        ids=_unique_ids(columns["birth"].tolist(), columns["identity"].tolist(), identity_names, chart_ids),
         mean_m=columns["mean_m"],
         covariance_m2=columns["covariance_m2"],
         sightings=columns["sightings"],
@@ -417,15 +444,24 @@ def landmark_map(
     )
 
 
-def _unique_ids(births: list[int], identities: list[int], identity_names: tuple[str, ...]) -> tuple[str, ...]:
+def _unique_ids(
+    births: list[int],
+    identities: list[int],
+    identity_names: tuple[str, ...],
+    chart_ids: tuple[str, ...] = (),
+) -> tuple[str, ...]:
     """The name of each landmark, else `L<birth number>`; a second of one name gets `#2`, and so on.
 
     Names go first: a log may call a landmark `L7`, and a map may hold two that were seen under one name.
+    Those of a given map, which have the lowest births, keep their ids, and no running number of theirs is
+    given again.
     """
-    taken: set[str] = set()
-    ids = [""] * len(births)
-    for row in sorted(range(len(births)), key=lambda row: identities[row] < 0):
-        name = f"L{births[row]}" if identities[row] < 0 else identity_names[identities[row]]
+    taken: set[str] = set(chart_ids)
+    ids = [chart_ids[birth] if birth < len(chart_ids) else "" for birth in births]
+    offset = max(0, first_free_number(chart_ids) - len(chart_ids))
+    new = (row for row in range(len(births)) if not ids[row])
+    for row in sorted(new, key=lambda row: identities[row] < 0):
+        name = f"L{births[row] + offset}" if identities[row] < 0 else identity_names[identities[row]]
         number, ids[row] = 1, name
         while ids[row] in taken:
             number += 1

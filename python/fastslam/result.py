@@ -13,6 +13,7 @@ from .log import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from .frames import Backend
+    from .maps import Changes, Map
 
 Columns = dict[str, Any]
 """Columns by name, all of one length: arrays, and lists of texts."""
@@ -236,11 +237,22 @@ class RunResult:
     """What the examination of the log found before the run: code, severity, message and remedy of each."""
     noise: dict[str, Any] = field(default_factory=dict)
     """The figures behind that: mean NIS with its band, and a factor for each standard deviation."""
+    chart: Map | None = None
+    """The map that the run began with."""
+    changes: Changes | None = None
+    """What it found otherwise in it."""
 
     @property
     def path(self) -> Trajectory:
         """The best path there is: the smoothed one, the live one where a run has none."""
         return self.smoothed if len(self.smoothed.stamp_s) else self.trajectory
+
+    @property
+    def map(self) -> Map:
+        """The landmarks as a map to be kept: the confirmed ones."""
+        from .maps import Map
+
+        return Map.of_result(self)
 
     def to_geojson(self, *, coordinates: Literal["local_metres"]) -> dict[str, Any]:
         """Landmarks, as `LandmarkMap.to_geojson` has them, and the path as a line with the id `path`.

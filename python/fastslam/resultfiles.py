@@ -8,7 +8,7 @@ import json
 import math
 import os
 import uuid
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -74,7 +74,7 @@ def write_result(
     contents = {
         TRAJECTORY_FILE: tum_text(result.trajectory),
         SMOOTHED_FILE: tum_text(result.smoothed),
-        LANDMARKS_FILE: _landmarks_csv(result.landmarks),
+        LANDMARKS_FILE: csv_text(LANDMARK_COLUMNS, landmark_rows(result.landmarks)),
         METRICS_FILE: to_json(values),
         CONFIG_FILE: config_yaml(result),
         RUN_FILE: to_json(_run_facts(result)),
@@ -279,7 +279,8 @@ def tum_text(trajectory: Trajectory) -> str:
     return "# stamp_s x_m y_m z_m qx qy qz qw (T_world_robot)\n" + "".join(lines)
 
 
-def _csv(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def csv_text(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table as text, with a header."""
     lines = [",".join(columns), *(",".join(_quoted(cell) for cell in row) for row in rows)]
     return "\n".join(lines) + "\n"
 
@@ -290,9 +291,10 @@ def _quoted(cell: str) -> str:
     return cell
 
 
-def _landmarks_csv(landmarks: LandmarkMap) -> str:
+def landmark_rows(landmarks: LandmarkMap) -> Iterator[tuple[str, ...]]:
+    """The cells of `LANDMARK_COLUMNS`, a row per landmark."""
     places = zip(landmarks.ids, landmarks.mean_m, landmarks.covariance_m2, landmarks.sightings, strict=True)
-    rows = (
+    return (
         (
             *(
                 guarded(name),
@@ -305,7 +307,6 @@ def _landmarks_csv(landmarks: LandmarkMap) -> str:
         )
         for row, (name, mean, cov, seen) in enumerate(places)
     )
-    return _csv(LANDMARK_COLUMNS, rows)
 
 
 def _signature_cell(landmarks: LandmarkMap, row: int) -> str:
@@ -332,7 +333,7 @@ def _steps_csv(steps: Steps) -> str:
         [_step_cell(value, name, STEP_COLUMNS[name]) for value in column]
         for name, column in step_columns(steps).items()
     ]
-    return _csv(tuple(STEP_COLUMNS), zip(*columns, strict=True))
+    return csv_text(tuple(STEP_COLUMNS), zip(*columns, strict=True))
 
 
 def _step_cell(value: Any, name: str, kind: str) -> str:
@@ -356,7 +357,7 @@ def _covariance_csv(trajectory: Trajectory) -> str:
         (repr(float(stamp)), *(f"{value:.9g}" for value in row))
         for stamp, *row in zip(trajectory.stamp_s, *columns, strict=True)
     )
-    return _csv(COVARIANCE_COLUMNS, rows)
+    return csv_text(COVARIANCE_COLUMNS, rows)
 
 
 def _read_text(path: Path) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -17,6 +17,7 @@ from .detection import with_sightings
 from .errors import ConfigError, DataError, NumericalError
 from .filter import landmark_map
 from .log import Log
+from .maps import Map, StartLike, changes, core_start
 from .noise import noise_sentences
 from .result import RunResult, Steps, Trajectory
 from .settings import Layer
@@ -66,6 +67,8 @@ def run(
     *,
     format: str | None = None,
     robot: int | None = None,
+    map: Map | Path | str | None = None,
+    start: StartLike = None,
     progress: Progress | None = None,
     checkpoints: Checkpoints | None = None,
 ) -> RunResult:
@@ -78,6 +81,9 @@ def run(
     True
 
     Where the log has laser scans and no sightings, landmarks are detected in the scans first.
+
+    With `map` the run begins in a map that was kept, and with `start` at a pose that is not known exactly, or
+    at one of several; `result.changes` says what it found otherwise.
 
     `config` is laid over the log's own settings and the defaults. A KeyboardInterrupt, Ctrl-C for one, stops
     the run: what was computed until then is returned with `interrupted` set. With `checkpoints` the state is
@@ -94,6 +100,7 @@ def run(
     configuration = configure(log, config or {})
     controls, sightings = log.controls, log.sightings
     delay_s = configuration["sensor"]["delay_s"]
+    given = _Given.of(map, log)
     try:
         with stage("filter"):
             columns = _core.run(
@@ -112,12 +119,14 @@ def run(
                 checkpoint=checkpoints.keep if checkpoints is not None else None,
                 checkpoint_every_s=checkpoints.every_s if checkpoints is not None else 0.0,
                 resume=checkpoints.begin() if checkpoints is not None else None,
+                map=given.columns,
+                start=core_start(start),
             )
     except ValueError as error:
         raise DataError(str(error), log.source) from None
     except RuntimeError as error:
         raise NumericalError(str(error)) from None
-    result = _result(columns, log, configuration)
+    result = _result(columns, log, configuration, given)
     result = replace(result, verdict=verdict(result, log, columns["two_places"]))
     if checkpoints is not None:
         result = replace(result, warnings=(*result.warnings, *checkpoints.warnings))
@@ -157,15 +166,36 @@ def run_many(
             return
 
 
-def _result(columns: dict[str, Any], log: Log, config: Config) -> RunResult:
+@dataclass(frozen=True)
+class _Given:
+    """The map that a run begins with, as the core takes it, and the names of landmarks of both."""
+
+    chart: Map | None
+    columns: _core._MapColumns | None
+    names: tuple[str, ...]
+
+    @classmethod
+    def of(cls, map: Map | Path | str | None, log: Log) -> _Given:
+        chart = Map.load(map) if isinstance(map, Path | str) else map
+        if chart is None:
+            return cls(None, None, log.identity_names)
+        identity, names = chart.identities(log.identity_names)
+        return cls(chart, chart.core_columns(identity, log.class_names), names)
+
+
+def _result(columns: dict[str, Any], log: Log, config: Config, given: _Given) -> RunResult:
     debug = " (debug build)" if _core.build_profile == "debug" else ""
+    chart_ids = () if given.chart is None else given.chart.landmarks.ids
+    landmarks = landmark_map(columns["map"], given.names, log.class_names, chart_ids)
     return RunResult(
         log_name=log.name,
         config=dict(config),
         version=_core.__version__ + debug,
         trajectory=Trajectory(columns["steps"]["stamp_s"], columns["T_world_robot"], columns["covariance"]),
         smoothed=Trajectory(columns["smoothed_stamp_s"], columns["smoothed_T_world_robot"]),
-        landmarks=landmark_map(columns["map"], log.identity_names, log.class_names),
+        landmarks=landmarks,
+        chart=given.chart,
+        changes=None if given.chart is None else changes(landmarks, given.chart, columns["map"]),
         steps=Steps(**columns["steps"]),
         filter_seconds=columns["filter_seconds"],
         peak_memory_bytes=peak_memory_bytes(),

@@ -4,7 +4,7 @@ use crate::geometry::Symmetric2;
 use crate::limits::LARGEST_STATE;
 
 /// A landmark's Gaussian in one map.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Gaussian {
     /// Position in the world, metres.
     pub mean: [f64; 2],

@@ -14,6 +14,7 @@ pub mod error;
 pub mod filter;
 pub mod gaussian;
 pub mod geometry;
+pub mod given;
 pub mod landmark;
 pub mod limits;
 pub mod math;

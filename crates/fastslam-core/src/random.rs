@@ -34,6 +34,8 @@ pub enum Purpose {
     Simulation = 4,
     /// Moves that rejuvenate particles.
     Rejuvenation = 5,
+    /// Poses at a start that is not known exactly.
+    Start = 6,
 }
 
 /// The random numbers of one run.

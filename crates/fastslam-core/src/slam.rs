@@ -3,9 +3,10 @@
 use crate::config::{Algorithm, Config};
 use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::ekf_slam::EkfSlam;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Sighting, StepInfo};
 use crate::geometry::Pose;
+use crate::given::Beginning;
 use crate::measurement::MeasurementModel;
 use crate::motion::{MotionGaussian, RowPart};
 use crate::snapshot::{self, Holds};
@@ -13,6 +14,10 @@ use crate::store::StoreUsage;
 
 /// A SLAM filter: controls and sightings in, pose, path and map out.
 pub trait Slam: Send + Sync {
+    /// Starts in a given map, at a given pose: before anything else.
+    fn begin(&mut self, beginning: &Beginning) -> Result<()>;
+    /// Where the path begins.
+    fn start(&self) -> Pose;
     /// Moves the robot by a row of odometry, or a part of it.
     fn advance(&mut self, part: &RowPart) -> Result<()>;
     /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`: a whole row.
@@ -69,6 +74,12 @@ pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
 }
 
 impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
+    fn begin(&mut self, beginning: &Beginning) -> Result<()> {
+        FastSlam::begin(self, beginning)
+    }
+    fn start(&self) -> Pose {
+        FastSlam::start(self)
+    }
     fn advance(&mut self, part: &RowPart) -> Result<()> {
         FastSlam::advance(self, part)
     }
@@ -119,6 +130,15 @@ impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
 }
 
 impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
+    fn begin(&mut self, beginning: &Beginning) -> Result<()> {
+        if beginning.is_empty() {
+            return Ok(());
+        }
+        Err(Error::parameter("algorithm", "ekf", "fastslam1 or fastslam2: EKF-SLAM cannot start in a given map"))
+    }
+    fn start(&self) -> Pose {
+        self.config().initial_pose.T_world_robot()
+    }
     fn advance(&mut self, part: &RowPart) -> Result<()> {
         EkfSlam::advance(self, part)
     }

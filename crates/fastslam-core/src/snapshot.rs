@@ -14,7 +14,9 @@ use serde_json::Value;
 /// What every snapshot begins with.
 const MAGIC: [u8; 8] = *b"fastslam";
 /// Layout of what is stored. It goes up whenever a stored type changes; a stored file in the tests tells when.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
+/// The oldest format that is still read: one without given maps.
+const OLDEST_FORMAT: u32 = 2;
 /// Magic, format, length of the content, checksum of the content.
 const PREAMBLE: usize = MAGIC.len() + 4 + 8 + 4;
 
@@ -141,7 +143,7 @@ pub(crate) fn seal(head: &Head, content: &impl Serialize) -> Result<Vec<u8>> {
 /// The head of a container, and what follows it as bytes.
 ///
 /// **Errors:** [`Error::Input`] when the bytes are no snapshot, of another format, cut off, damaged, or of something else.
-pub(crate) fn open(bytes: &[u8], wanted: Holds) -> Result<(Head, &[u8])> {
+pub(crate) fn open(bytes: &[u8], wanted: Holds) -> Result<(Head, Stored<'_>)> {
     let (head, stored) = unsealed(bytes)?;
     if head.holds != wanted {
         return Err(refused(&format!("it is of {}, not of {}", head.holds.named(), wanted.named())));
@@ -149,7 +151,7 @@ pub(crate) fn open(bytes: &[u8], wanted: Holds) -> Result<(Head, &[u8])> {
     Ok((head, stored))
 }
 
-fn unsealed(bytes: &[u8]) -> Result<(Head, &[u8])> {
+fn unsealed(bytes: &[u8]) -> Result<(Head, Stored<'_>)> {
     let Some((preamble, stored)) = bytes.split_at_checked(PREAMBLE).filter(|(start, _)| start[..8] == MAGIC) else {
         return Err(refused("it is no snapshot of fastslam"));
     };
@@ -157,9 +159,10 @@ fn unsealed(bytes: &[u8]) -> Result<(Head, &[u8])> {
         preamble[from..from + length].iter().rev().fold(0_u64, |sum, byte| sum << 8 | u64::from(*byte))
     };
     let (format, length, checksum) = (number(8, 4), number(12, 8), number(20, 4));
-    if format != u64::from(FORMAT) {
+    if !(u64::from(OLDEST_FORMAT)..=u64::from(FORMAT)).contains(&format) {
         let age = if format > u64::from(FORMAT) { "a newer" } else { "an older" };
-        return Err(refused(&format!("it is of {age} format, {format}; this version reads {FORMAT}")));
+        let range = format!("{OLDEST_FORMAT} to {FORMAT}");
+        return Err(refused(&format!("it is of {age} format, {format}; this version reads {range}")));
     }
     if length != stored.len() as u64 {
         return Err(refused(&format!("it is cut off or overlong: {} bytes of content, not {length}", stored.len())));
@@ -167,12 +170,22 @@ fn unsealed(bytes: &[u8]) -> Result<(Head, &[u8])> {
     if checksum != u64::from(crc32fast::hash(stored)) {
         return Err(refused("it is damaged (the checksum differs)"));
     }
-    postcard::take_from_bytes(stored).map_err(|e| refused(&format!("its head cannot be read ({e})")))
+    let (head, bytes) =
+        postcard::take_from_bytes(stored).map_err(|e| refused(&format!("its head cannot be read ({e})")))?;
+    Ok((head, Stored { bytes, knows_given_maps: format > 2 }))
 }
 
 /// What follows the head.
-pub(crate) fn content<T: DeserializeOwned>(stored: &[u8]) -> Result<T> {
-    match postcard::take_from_bytes(stored) {
+#[derive(Debug)]
+pub(crate) struct Stored<'a> {
+    bytes: &'a [u8],
+    /// Whether what a filter was given to begin with is stored behind its state.
+    pub knows_given_maps: bool,
+}
+
+/// What was stored.
+pub(crate) fn content<T: DeserializeOwned>(stored: &Stored<'_>) -> Result<T> {
+    match postcard::take_from_bytes(stored.bytes) {
         Ok((content, [])) => Ok(content),
         Ok((_, rest)) => Err(refused(&format!("{} bytes are left over", rest.len()))),
         Err(error) => Err(refused(&format!("its state cannot be read ({error})"))),
@@ -199,7 +212,7 @@ mod tests {
         let bytes = sealed();
         let (head, stored) = unsealed(&bytes).unwrap();
         assert_eq!((head.config().unwrap(), head.note.as_str()), (Config::default(), "a note"));
-        assert_eq!(content::<(u32, String)>(stored).unwrap(), (7, "state".to_owned()));
+        assert_eq!(content::<(u32, String)>(&stored).unwrap(), (7, "state".to_owned()));
         for place in 0..bytes.len() {
             let mut damaged = bytes.clone();
             damaged[place] ^= 1 << (place % 8);
@@ -214,7 +227,7 @@ mod tests {
         assert!(message(b"PK").contains("no snapshot of fastslam"));
         let mut newer = sealed();
         newer[8] += 1;
-        assert!(message(&newer).contains("a newer format, 3; this version reads 2"));
+        assert!(message(&newer).contains("a newer format, 4; this version reads 2 to 3"));
         assert!(message(&sealed()[..99]).contains("cut off"));
         let of_a_run = seal(&Head::of_run(&Config::default(), Identities::All).unwrap(), &0).unwrap();
         assert!(message(&of_a_run).contains("of a run"));

@@ -12,6 +12,7 @@ mod ekf_linear_world;
 mod ekf_textbook;
 mod existence;
 mod fuzz;
+mod given_map;
 mod golden;
 mod life_cycle;
 mod linear_world;

@@ -1,7 +1,8 @@
 //! The filter, step by step.
 
+use crate::given::{GivenMap, GivenStart};
 use crate::settings::{to_json, to_python};
-use crate::{arrays, config, run, step};
+use crate::{arrays, config, given, run, step};
 use fastslam_core::config::Config;
 use fastslam_core::filter::{Identities, Sighting, StepInfo};
 use fastslam_core::geometry::Pose;
@@ -95,6 +96,13 @@ impl Filter {
         let config = config::parse(config_json)?;
         let filter = Mutex::new(slam::create(config.clone(), identities).map_err(to_python)?);
         Ok(Self { filter, config })
+    }
+
+    /// Starts in a map, at a start: before anything else.
+    #[pyo3(signature = (map=None, start=None))]
+    fn begin(&self, py: Python<'_>, map: Option<GivenMap<'_>>, start: Option<GivenStart<'_>>) -> PyResult<()> {
+        let beginning = given::beginning(map, start)?;
+        self.locked(py, |filter| filter.begin(&beginning))?.map_err(to_python)
     }
 
     /// The filter of a snapshot, its configuration as JSON, and the note that was kept with it.

@@ -5,6 +5,7 @@ mod arrays;
 mod config;
 mod detect;
 mod filter;
+mod given;
 mod noise;
 mod run;
 mod settings;

@@ -1,9 +1,9 @@
 //! A whole log in one call.
 
 use crate::settings::to_python;
-use crate::{arrays, config, noise, step};
+use crate::{arrays, config, given, noise, step};
 use fastslam_core::config::Config;
-use fastslam_core::filter::MapEstimate;
+use fastslam_core::filter::{GivenUse, MapEstimate};
 use fastslam_core::run::{Observer, RunOutput, StepRecord};
 use fastslam_core::timeline::LogData;
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -73,7 +73,7 @@ impl Observer for Progress {
 /// `checkpoint_every_s` and when the run is stopped. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
 /// been computed; any other exception of `progress` is raised.
 #[pyfunction]
-#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None, checkpoint=None, checkpoint_every_s=60.0, resume=None))]
+#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None, checkpoint=None, checkpoint_every_s=60.0, resume=None, map=None, start=None))]
 #[allow(clippy::too_many_arguments)] // One array per column of a log.
 pub fn run<'py>(
     py: Python<'py>,
@@ -92,8 +92,11 @@ pub fn run<'py>(
     checkpoint: Option<Py<PyAny>>,
     checkpoint_every_s: f64,
     resume: Option<&[u8]>,
+    map: Option<given::GivenMap<'py>>,
+    start: Option<given::GivenStart<'py>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let config = config::parse(config_json)?;
+    let beginning = given::beginning(map, start)?;
     let log = LogData {
         control_stamps_s: control_stamps_s.as_array().to_vec(),
         controls: arrays::controls(&controls)?,
@@ -110,11 +113,11 @@ pub fn run<'py>(
     let total = log.step_bound(config.filter.path_period_s);
     let every_s = checkpoint_every_s;
     let checkpoints = checkpoint.map(|callback| Checkpoints { callback, every_s, next_s: every_s });
-    let start = Instant::now();
-    let mut observer = Progress { start, next_s: 0.0, total, callback: progress, checkpoints, failure: None };
+    let begun = Instant::now();
+    let mut observer = Progress { start: begun, next_s: 0.0, total, callback: progress, checkpoints, failure: None };
     let output = py.detach(|| match resume {
-        Some(snapshot) => fastslam_core::run::resume(&config, &log, snapshot, &mut observer),
-        None => fastslam_core::run::run(&config, &log, &mut observer),
+        Some(snapshot) => fastslam_core::run::resume(&config, &log, &beginning, snapshot, &mut observer),
+        None => fastslam_core::run::run_from(&config, &log, &beginning, &mut observer),
     });
     let output = output.map_err(to_python)?;
     if let Some(error) = observer.failure.filter(|e| !e.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)) {
@@ -182,6 +185,9 @@ pub fn map_to_dict<'py>(py: Python<'py>, map: &MapEstimate) -> PyResult<Bound<'p
     dict.set_item("class_index", integers(classes.collect()))?;
     let signatures = landmarks.iter().map(|l| l.appearance.signature.unwrap_or(f64::NAN));
     dict.set_item("signature", signatures.collect::<Vec<_>>().into_pyarray(py))?;
+    let given = |of: fn(GivenUse) -> u32| landmarks.iter().map(move |l| l.given.map_or(-1, |g| i64::from(of(g))));
+    dict.set_item("given_sighted", integers(given(|g| g.sighted).collect()))?;
+    dict.set_item("given_missed", integers(given(|g| g.missed).collect()))?;
     dict.set_item("covariance_m2", covariances.into_pyarray(py).reshape([n, 2, 2])?)?;
     Ok(dict)
 }

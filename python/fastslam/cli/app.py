@@ -18,6 +18,8 @@ from .encoding import never_fail_to_print
 from .errors import OneLineErrors
 from .evaluate import evaluate_results
 from .info import info
+from .localize import localize_log
+from .maps import app as map_app
 from .reproduce import reproduce_figure
 from .run import run_log
 from .simulate import simulate_log
@@ -36,6 +38,7 @@ app = typer.Typer(
 )
 app.command("demo", short_help="Simulate a world, run the filter, write a report.")(demo)
 app.command("run", short_help="Run the filter over a log: map, path, numbers, report.")(run_log)
+app.command("localize", short_help="Follow a robot through a map that was kept.")(localize_log)
 app.command("simulate", short_help="Simulate a drive and write it as a log with truth.")(simulate_log)
 app.command("eval", short_help="Score results against the truth of their log.")(evaluate_results)
 app.command("compare", short_help="Lay several results over each other on one page.")(compare_results)
@@ -46,6 +49,7 @@ app.command("info", short_help="Say what is in a log.")(info)
 app.command("convert", short_help="Write a log in another format.")(convert_log)
 app.command("sweep", short_help="Run a grid of configurations, seeds and logs.")(sweep)
 app.command("reproduce", short_help="Remake figures of the FastSLAM paper.")(reproduce_figure)
+app.add_typer(map_app, name="map")
 app.add_typer(config_app, name="config")
 app.add_typer(datasets_app, name="datasets")
 

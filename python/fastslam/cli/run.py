@@ -52,6 +52,9 @@ CheckpointEvery = Annotated[
 Resume = Annotated[
     bool, typer.Option("--resume", help="Go on from the state in --out, if there is one; else start anew.")
 ]
+MapOut = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="Keep the map in this folder too, for `localize`.")
+]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write the numbers only, no pictures.")]
 
 
@@ -76,6 +79,7 @@ def run_log(
     out: Out = None,
     checkpoint_every: CheckpointEvery = None,
     resume: Resume = False,
+    map_out: MapOut = None,
     no_report: NoReport = False,
     json: Json = False,
     verbose: Verbose = False,
@@ -95,6 +99,7 @@ def run_log(
       fastslam run LOG --association unknown --set sensor.range_std_m=0.2
       fastslam run LOG --runs 10 --seed 1 --out results/ten-seeds
       fastslam run LOG --out results/night --checkpoint-every 60 --resume
+      fastslam run LOG --map-out yard.map
     """
     from ..config import load_config, parse_assignments
     from ..datasets.registry import load
@@ -120,7 +125,10 @@ def run_log(
         reference = LogReference(path, log.format, robot, run)
         results = Results(prepare_folder(out), reference, report=not no_report, findings=findings)
         checkpoints = _checkpoints(results.folder, checkpoint_every, resume=resume)
-        show(run_all(log, configuration, results, runs=runs, checkpoints=checkpoints), json=json)
+        finished = run_all(log, configuration, results, runs=runs, checkpoints=checkpoints)
+        if map_out is not None:
+            finished.result.map.save(map_out)
+        show(finished, json=json)
 
 
 def _checkpoints(folder: Path, every_s: float | None, *, resume: bool) -> Checkpoints | None:

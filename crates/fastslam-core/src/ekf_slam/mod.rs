@@ -490,6 +490,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
             .zip(0..)
             .filter(|(landmark, _)| !landmark.is_given_up)
             .map(|(landmark, index)| MapLandmark {
+                given: None,
                 birth: u64::from(index),
                 identity: landmark.identity,
                 mean: self.landmark_mean(index),

@@ -18,7 +18,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
     pub fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
         let (head, stored) = open(snapshot, Holds::Filter)?;
         head.check(&self.config, self.identities)?;
-        self.state = content(stored)?;
+        self.state = content(&stored)?;
         Ok(())
     }
 }

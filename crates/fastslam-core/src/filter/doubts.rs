@@ -88,8 +88,12 @@ impl<M: MeasurementModel> FastSlam<M> {
             let known = self.state.particles.landmarks[best] as usize;
             for (candidate, &slot) in table.slots.iter().enumerate() {
                 let candidate = candidate as u32;
+                let birth = self.state.landmarks.birth(slot);
+                if self.state.given.is_sure(birth) {
+                    continue;
+                }
                 let Some(at) = table.gaussian(candidate, best).map(|g| g.mean) else { continue };
-                let (covariance, ago) = need.relation(self.state.landmarks.birth(slot), at);
+                let (covariance, ago) = need.relation(self.state.given.clan(birth), at);
                 let area_m2 = area_m2(covariance.determinant());
                 let gate_m2 = self.gate_m2(at, self.state.particles.pose(best));
                 if !self.is_ambiguous(area_m2, f64::INFINITY, gate_m2) {
@@ -114,7 +118,7 @@ impl<M: MeasurementModel> FastSlam<M> {
                 need.suspects += u32::from(self.is_suspect(need, slot));
             }
             for slot in matched.iter().chain(founded) {
-                need.sighted(self.state.landmarks.birth(*slot) as u32);
+                need.sighted(self.state.given.clan(self.state.landmarks.birth(*slot)) as u32);
             }
         }
         self.state.rejuvenation = Some(rejuvenation);
@@ -135,7 +139,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let reach_m = (GATE * farthest).sqrt().min(self.settings.config.sensor.max_range_m);
         let near = self.state.landmarks.places_near(best, at, reach_m);
         near.into_iter().any(|(slot, place)| {
-            let older = self.state.landmarks.birth(slot);
+            let older = self.state.given.clan(self.state.landmarks.birth(slot));
             if older >= birth || need.last_seen.get(older as usize).is_some_and(|s| *s as usize >= need.drift.steps()) {
                 return false;
             }

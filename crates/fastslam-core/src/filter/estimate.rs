@@ -1,9 +1,10 @@
 //! What the particles say together: the pose and the map, with the uncertainty of the whole mixture.
 
-use super::{mixture, FastSlam, Particles};
+use super::{mixture, FastSlam, GivenUse, Particles};
 use crate::association::Appearance;
 use crate::gaussian::Gaussian;
 use crate::geometry::{Pose, Symmetric2};
+use crate::given::Role;
 use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
 use crate::vector::vectorized;
@@ -25,6 +26,8 @@ pub struct MapLandmark {
     pub confirmed: bool,
     /// What it looks like, where that is known: the likeliest class, and the mean signature.
     pub appearance: Appearance,
+    /// What became of it, where it is of the given map.
+    pub given: Option<GivenUse>,
 }
 
 /// The map of the best particle, each landmark averaged over all particles that share it.
@@ -113,8 +116,11 @@ impl<M: MeasurementModel> FastSlam<M> {
             };
             let confirmed = identity.is_some() || self.is_confirmed(slot, sightings);
             let appearance = self.appearance_of(slot);
-            let (birth, sightings) = (known.birth, sightings as u32);
-            landmarks.push(MapLandmark { birth, identity, mean, covariance, sightings, confirmed, appearance });
+            let (birth, given) = (known.birth, self.state.given.used(known.birth));
+            // Rows of fixed landmarks count no sightings.
+            let fixed = given.filter(|given| given.role == Role::Fixed).map_or(0, |given| given.sighted);
+            let sightings = sightings as u32 + fixed;
+            landmarks.push(MapLandmark { birth, identity, mean, covariance, sightings, confirmed, appearance, given });
         }
         MapEstimate { landmarks }
     }

@@ -51,6 +51,9 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Whether the best particle's landmark counts as real.
     pub(super) fn is_confirmed(&mut self, slot: u32, sightings: f64) -> bool {
+        if self.state.given.of(self.state.landmarks.birth(slot)).is_some() {
+            return true;
+        }
         let best = self.state.particles.best();
         let settings = &self.settings.config.association.existence;
         let Some(existence) = &mut self.state.landmarks.existence else { return true };
@@ -98,7 +101,10 @@ impl<M: MeasurementModel> FastSlam<M> {
                     *verdict = Verdict::Sighted(densities.get(i).copied().unwrap_or_default());
                 }
             }
-            if verdicts.iter().any(|v| *v != Verdict::Unseen) {
+            let in_view = judging.verdicts.iter().any(|v| *v != Verdict::Unseen);
+            if in_view && self.is_fixed(slot) {
+                self.weigh_missed(slot, &judging.verdicts);
+            } else if in_view {
                 info.removed += self.count(slot, &mut judging);
             }
         }
@@ -141,6 +147,20 @@ impl<M: MeasurementModel> FastSlam<M> {
                 }
             },
         );
+    }
+
+    /// What a scan says against the maps that have a landmark in view, where nothing changes the landmark itself.
+    fn weigh_missed(&mut self, slot: u32, verdicts: &[Verdict]) {
+        let Some(detection) = self.settings.config.association.detection_probability else { return };
+        let Some(existence) = &mut self.state.landmarks.existence else { return };
+        let log_odds = existence.read(slot).column(1);
+        let Particles { log_weight, score, .. } = &mut self.state.particles;
+        for (i, _) in verdicts.iter().enumerate().filter(|(_, verdict)| **verdict != Verdict::Unseen) {
+            let exists = math::logistic(log_odds[i]);
+            let missed = self.settings.rules.likelihood_exponent * math::ln(1.0 - exists * detection);
+            log_weight[i] += missed;
+            score[i] += missed;
+        }
     }
 
     /// Counts one scan for a landmark in every map and removes it from those in which it no longer exists. Returns

@@ -32,6 +32,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.restart_weights();
         }
         self.state.counters.samplings += 1;
+        self.count_given_names(scan);
         self.remember_identified(scan);
         Ok(())
     }
@@ -63,12 +64,16 @@ impl<M: MeasurementModel> FastSlam<M> {
             };
             self.correct_all(slot, sighting, info);
         }
+        self.count_given_names(scan);
         self.remember_identified(scan);
         Ok(())
     }
 
     /// Corrects a landmark in every map and adds to the log-likelihoods of the step.
     fn correct_all(&mut self, slot: u32, sighting: &ScanSighting, info: &mut StepInfo) {
+        if self.is_fixed(slot) {
+            return self.weigh_fixed(slot, sighting, None);
+        }
         let (models, workers, work) = (&self.models, &self.workers, &mut self.work);
         let log_likelihood = &mut work.log_likelihood;
         let correction = Correction {

@@ -3,6 +3,8 @@
 use super::appearance::Appearances;
 use crate::association::{Box2, Grid, Identities};
 use crate::config::Config;
+use crate::gaussian::Gaussian;
+use crate::given::GivenLandmark;
 use crate::landmark::column;
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreUsage};
 use crate::vector::vectorized;
@@ -114,12 +116,7 @@ impl Landmarks {
 
     /// Adds a landmark with the rows of all particles and the log-odds that it exists.
     pub fn insert(&mut self, identity: Option<u32>, values: &[f64], log_odds: f64) -> u32 {
-        let slot = self.free.pop().unwrap_or(self.slots.len() as u32);
-        if slot as usize == self.slots.len() {
-            self.slots.push(None);
-        }
-        self.slots[slot as usize] = Some(Slot { birth: self.births, identity });
-        self.births += 1;
+        let slot = self.new_slot(identity);
         self.store.insert(slot, values);
         if let Some(existence) = &mut self.existence {
             let present = values[..self.store.particle_count()].iter().map(|count| f64::from(*count != 0.0));
@@ -131,11 +128,47 @@ impl Landmarks {
         if let Some(appearances) = &mut self.appearances {
             appearances.insert(slot);
         }
+        let rows = Rows::new(values, self.store.particle_count());
+        place(&mut self.grid, slot, rows.column(column::SIGHTINGS), &position(&rows), self.gate_radius);
+        slot
+    }
+
+    /// Adds a landmark of a given map with the log-odds that it exists: one row for all particles where the store can.
+    pub fn adopt(&mut self, landmark: &GivenLandmark, log_odds: f64) -> u32 {
+        let mut row = vec![0.0; self.columns];
+        let Gaussian { mean, covariance } = landmark.place;
+        row[column::SIGHTINGS] = f64::from(landmark.sightings.max(1));
+        [row[column::MEAN_X], row[column::MEAN_Y]] = mean;
+        [row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]] = [covariance.xx, covariance.xy, covariance.yy];
+        if let (Some(identity), Some(mark)) = (landmark.identity, row.get_mut(column::IDENTITY)) {
+            *mark = f64::from(identity) + 1.0;
+        }
+        let slot = self.new_slot(landmark.identity);
+        self.store.insert_shared(slot, &row);
+        if let Some(existence) = &mut self.existence {
+            existence.insert_shared(slot, &[1.0, log_odds]);
+        }
+        if let Some(appearances) = &mut self.appearances {
+            appearances.insert(slot);
+            appearances.learn(slot, &vec![true; self.store.particle_count()], landmark.appearance);
+        }
+        if self.grid.is_some() {
+            self.update_place(slot);
+        }
+        slot
+    }
+
+    /// A free slot for the next birth.
+    fn new_slot(&mut self, identity: Option<u32>) -> u32 {
+        let slot = self.free.pop().unwrap_or(self.slots.len() as u32);
+        if slot as usize == self.slots.len() {
+            self.slots.push(None);
+        }
+        self.slots[slot as usize] = Some(Slot { birth: self.births, identity });
+        self.births += 1;
         if let Some(identity) = identity {
             self.mark_identity(slot, identity);
         }
-        let rows = Rows::new(values, self.store.particle_count());
-        place(&mut self.grid, slot, rows.column(column::SIGHTINGS), &position(&rows), self.gate_radius);
         slot
     }
 
@@ -187,12 +220,17 @@ impl Landmarks {
 
     /// Changes a landmark in the maps that `mask` marks (all without one).
     pub fn update(&mut self, slot: u32, mask: Option<&[bool]>, mut change: impl FnMut(RowsMut<'_>)) {
-        let Self { store, grid, gate_radius, .. } = self;
-        store.update(slot, mask, &mut change);
-        if grid.is_some() {
-            let rows = store.read(slot);
-            place(grid, slot, rows.column(column::SIGHTINGS), &position(&rows), *gate_radius);
+        self.store.update(slot, mask, &mut change);
+        if self.grid.is_some() {
+            self.update_place(slot);
         }
+    }
+
+    /// Enters a landmark's place into the spatial index.
+    fn update_place(&mut self, slot: u32) {
+        let Self { store, grid, gate_radius, .. } = self;
+        let rows = store.read(slot);
+        place(grid, slot, rows.column(column::SIGHTINGS), &position(&rows), *gate_radius);
     }
 
     /// Appends the landmarks that may lie in a region, in no particular order.

@@ -72,6 +72,10 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Merges a landmark into an older one wherever both mean one thing; returns whether the best particle held both.
     fn merge(&mut self, older: u32, younger: u32) -> u32 {
+        // Two of a given map are two.
+        if self.state.given.of(self.state.landmarks.birth(younger)).is_some() {
+            return 0;
+        }
         let n = self.state.particles.len();
         let columns = self.state.landmarks.columns();
         let copy = |rows: Rows<'_>, count: usize| (0..count).flat_map(|c| rows.column(c).to_vec()).collect::<Vec<_>>();
@@ -81,6 +85,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         let together =
             self.state.merger.together(self.state.landmarks.birth(older), self.state.landmarks.birth(younger));
         let Some(union) = self.union(&old, &young, f64::from(together)) else { return 0 };
+        if self.is_fixed(older) {
+            self.settle([older, younger], &union);
+            return u32::from(union.fused[self.state.particles.best()]);
+        }
         let touched: Vec<bool> = (0..n).map(|i| union.moved[i] || union.fused[i]).collect();
         let unsure = self.settings.config.association.merging.tolerance_std_m > 0.0;
         self.state.landmarks.update(older, Some(&touched), |mut rows| {
@@ -108,10 +116,12 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// Makes a landmark that all maps hold one with another that they all hold too, whose Gaussians know of it already.
     pub(super) fn unite(&mut self, [older, younger]: [u32; 2]) {
         let n = self.state.particles.len();
-        let more = self.state.landmarks.read(younger).column(column::SIGHTINGS).to_vec();
-        self.state.landmarks.update(older, None, |mut rows| {
-            rows.column(column::SIGHTINGS).iter_mut().zip(&more).for_each(|(count, more)| *count += more);
-        });
+        if !self.is_fixed(older) {
+            let more = self.state.landmarks.read(younger).column(column::SIGHTINGS).to_vec();
+            self.state.landmarks.update(older, None, |mut rows| {
+                rows.column(column::SIGHTINGS).iter_mut().zip(&more).for_each(|(count, more)| *count += more);
+            });
+        }
         self.settle([older, younger], &Union { moved: vec![false; n], fused: vec![true; n] });
     }
 
@@ -120,9 +130,11 @@ impl<M: MeasurementModel> FastSlam<M> {
         let touched: Vec<bool> = union.moved.iter().zip(&union.fused).map(|(moved, fused)| *moved || *fused).collect();
         self.state.merger.united.insert(self.state.landmarks.birth(younger), self.state.landmarks.birth(older));
         self.state.watch.merged(self.state.landmarks.birth(older));
-        self.merge_existence([older, younger], &touched);
-        if let Some(appearances) = &mut self.state.landmarks.appearances {
-            appearances.merge(younger, older, [&union.moved, &union.fused]);
+        if !self.is_fixed(older) {
+            self.merge_existence([older, younger], &touched);
+            if let Some(appearances) = &mut self.state.landmarks.appearances {
+                appearances.merge(younger, older, [&union.moved, &union.fused]);
+            }
         }
         self.forget(younger, older, &touched);
         let Particles { landmarks, .. } = &mut self.state.particles;

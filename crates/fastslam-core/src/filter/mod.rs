@@ -2,12 +2,14 @@
 
 mod adaptive;
 mod appearance;
+mod beginning;
 mod beliefs;
 mod doubts;
 mod estimate;
 mod examine;
 mod existence;
 mod extent;
+mod given;
 mod identified;
 mod landmarks;
 mod merger;
@@ -29,6 +31,7 @@ pub use crate::association::Identities;
 pub use crate::sighting::{Sighting, Skipped};
 pub use crate::step_info::StepInfo;
 pub use estimate::{MapEstimate, MapLandmark};
+pub use given::GivenUse;
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 

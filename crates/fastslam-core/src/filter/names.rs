@@ -69,6 +69,10 @@ impl<M: MeasurementModel> FastSlam<M> {
             belief.fit(model, T_robot_sensor, &landmark, &measured).mahalanobis_squared <= IMPLAUSIBLE
         });
         let doubt = self.state.watch.names.doubt(&Misfit { identity, position_m, agrees, held });
+        // No sighting founded a landmark of a given map.
+        if self.state.given.of(self.state.landmarks.birth(slot)).is_some() {
+            return Doubt::LeaveOut;
+        }
         if doubt == Doubt::Move {
             self.state.landmarks.remove(slot);
             self.state.particles.landmarks.iter_mut().for_each(|count| *count = count.saturating_sub(1));

@@ -8,6 +8,7 @@
 //! **Source:** `beevers2007fixedlag` for the idea of drawing past poses again; the exact factorisation
 //! (`montemerlo2002fastslam`, eq. 3) is what makes landmarks follow from a path. Exact in a linear-Gaussian world.
 
+use super::need::Need;
 use super::state::Rejuvenation;
 use super::{FastSlam, Identities};
 use crate::association::{CandidateTable, Decision, ScanSighting};
@@ -18,8 +19,8 @@ use crate::measurement::MeasurementModel;
 use crate::motion::MotionGaussian;
 use crate::random::{Purpose, Stream};
 use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Sampling, LANES};
-use crate::smoothing::{Closing, Graph, Mode, Sights, Solution, Trajectory, NO_LANDMARK};
-use rustc_hash::FxHashMap;
+use crate::smoothing::{Closing, Graph, Known, Mode, Sights, Solution, Trajectory, NO_LANDMARK};
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::cell::Cell;
 
 impl<M: MeasurementModel> FastSlam<M> {
@@ -134,12 +135,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         let first_free = history.steps().saturating_sub(window);
         let mut landmarks = by_landmark(&seen, |birth| means.contains_key(&birth));
         landmarks.retain(|sights| sights.seen.last().is_some_and(|last| last.step as usize >= first_free));
+        self.put_given_first(&mut landmarks, &means);
         let poses: Vec<Pose> = self.state.path.path(best).into_iter().map(|(_, pose)| pose).collect();
         if poses.len() != history.steps() {
             return None;
         }
         let guess = Solution {
-            trajectory: Trajectory { start: self.settings.config.initial_pose.T_world_robot(), poses },
+            trajectory: Trajectory { start: self.start(), poses },
             landmarks: landmarks.iter().map(|sights| means[&sights.birth].1).collect(),
         };
         let mut graph = Graph {
@@ -174,6 +176,31 @@ impl<M: MeasurementModel> FastSlam<M> {
         Some((mode.solution.trajectory, merges))
     }
 
+    /// Puts the landmarks of a given map before the others, with what is known of them: those too that were not seen,
+    /// since others may turn out to be one with them.
+    fn put_given_first(&self, landmarks: &mut Vec<Sights>, means: &FxHashMap<u32, (u32, [f64; 2])>) {
+        let given = &self.state.given;
+        if given.landmarks.is_empty() {
+            return;
+        }
+        let seen: FxHashSet<u32> = landmarks.iter().map(|sights| sights.birth).collect();
+        let unseen =
+            (0..given.landmarks.len() as u32).filter(|birth| !seen.contains(birth) && means.contains_key(birth));
+        landmarks.extend(unseen.map(|birth| Sights { birth, known: Known::Nothing, seen: Vec::new() }));
+        landmarks.iter_mut().for_each(|sights| sights.known = given.known(sights.birth.into()));
+        landmarks.sort_by_key(|sights| sights.known == Known::Nothing);
+    }
+
+    /// Remembers that the path begins with an error.
+    pub(super) fn remember_start(&mut self, mean: Pose, spread: &MotionGaussian) {
+        if let Some(rejuvenation) = &mut self.state.rejuvenation {
+            rejuvenation.history.moved(spread);
+            if let Some(need) = &mut rejuvenation.need {
+                *need = Need::new(mean);
+            }
+        }
+    }
+
     /// Closes the loops that the best particle has missed, if the configuration wants that.
     fn close_loops(
         &self,
@@ -189,9 +216,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         let best = self.state.particles.best();
         let evidence = |births: [u32; 2]| {
             let [older, younger] = births.map(|birth| slots[&birth].0);
-            let named = self.state.landmarks.is_named(younger, best);
+            // Two of a given map are two, whatever lies between them.
+            let apart = self.state.landmarks.is_named(younger, best) || self.state.given.of(births[1].into()).is_some();
             let looks = self.state.landmarks.appearances.as_ref();
-            (!named).then(|| looks.map_or(0.0, |looks| looks.evidence_of_one([older, younger], best)))
+            (!apart).then(|| looks.map_or(0.0, |looks| looks.evidence_of_one([older, younger], best)))
         };
         let tolerance = self.settings.config.association.merging.tolerance_std_m;
         let closing = Closing {
@@ -242,6 +270,9 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.state.particles.set_pose(i, *pose);
         }
         for (sights, gaussians) in landmarks.iter().zip(drawn.landmarks.chunks_exact(count)) {
+            if sights.seen.is_empty() || matches!(sights.known, Known::Place(_)) {
+                continue;
+            }
             self.state.landmarks.update(slots[&sights.birth].0, None, |mut rows| {
                 let number = |g: &Gaussian, c: usize| match c {
                     column::MEAN_X => g.mean[0],

@@ -35,6 +35,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         let mut decisions = std::mem::take(&mut self.work.associating.decisions);
         self.decide(scan, &table, &mut decisions, info);
+        self.refuse_foundings(scan, &mut decisions);
         self.examine_decided(scan, &decisions, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.state.landmarks.births();
@@ -54,6 +55,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         self.remember_decided(scan, &decisions, &table, &births);
         self.note_scan(scan, &decisions, &table);
+        self.count_given_decided(scan, &decisions, &table);
         if self.judges_existence() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
         }
@@ -292,6 +294,12 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Corrects a landmark in the maps that `mask` marks; returns in how many it had to be repaired.
     fn correct_where(&mut self, mask: &[bool], sighting: &ScanSighting, slot: u32) -> u32 {
+        if self.is_fixed(slot) {
+            self.work.log_likelihood.clear();
+            self.work.log_likelihood.resize(mask.len(), 0.0);
+            self.weigh_fixed(slot, sighting, Some(mask));
+            return 0;
+        }
         let mark = sighting.identity.map(|identity| f64::from(identity) + 1.0);
         let (models, workers, work) = (&self.models, &self.workers, &mut self.work);
         let log_likelihood = &mut work.log_likelihood;

@@ -1,5 +1,6 @@
 //! The filter's state as bytes.
 
+use super::given::Given;
 use super::state::State;
 use super::FastSlam;
 use crate::error::Result;
@@ -9,7 +10,7 @@ use crate::snapshot::{content, open, seal, Head, Holds};
 impl<M: MeasurementModel> FastSlam<M> {
     /// The state as bytes, from which [`FastSlam::restore`] goes on to the same bits; `note` is kept in its head.
     pub fn save(&self, note: &str) -> Result<Vec<u8>> {
-        seal(&Head::new(&self.settings.config, self.settings.identities, note)?, &self.state)
+        seal(&Head::new(&self.settings.config, self.settings.identities, note)?, &(&self.state, &self.state.given))
     }
 
     /// Takes over a state that was saved by a filter of this configuration and measurement model.
@@ -19,7 +20,12 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
         let (head, stored) = open(snapshot, Holds::Filter)?;
         head.check(&self.settings.config, self.settings.identities)?;
-        let mut state: State = content(stored)?;
+        let mut state = if stored.knows_given_maps {
+            let (state, given): (State, Given) = content(&stored)?;
+            State { given, ..state }
+        } else {
+            content(&stored)?
+        };
         state.landmarks.set_workers(&self.workers);
         self.state = state;
         Ok(())

@@ -1,5 +1,6 @@
 //! What a step needs of those before it: all that a snapshot holds.
 
+use super::given::Given;
 use super::landmarks::Landmarks;
 use super::merger::Merger;
 use super::need::Need;
@@ -37,6 +38,9 @@ pub(super) struct State {
     /// What the sliding window said of the noise when it was last looked at.
     pub noise_report: NoiseReport,
     pub estimate: PoseEstimate,
+    /// What the filter began with; behind the others in a snapshot, which older formats did not have.
+    #[serde(skip)]
+    pub given: Given,
 }
 
 /// How large the numbers are that the steps so far have put into the state.
@@ -102,6 +106,7 @@ impl State {
             watch: Watch::new(config.health, View::of(config)),
             noise_report: NoiseReport::default(),
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
+            given: Given::default(),
         }
     }
 }

@@ -7,6 +7,7 @@ use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::Result;
 use crate::filter::{Identities, MapEstimate, Skipped};
 use crate::geometry::Pose;
+use crate::given::Beginning;
 use crate::store::StoreUsage;
 pub use crate::stream::StepRecord;
 use crate::stream::{Stream, Window};
@@ -57,34 +58,54 @@ pub struct RunOutput {
 ///
 /// **Errors:** an invalid log or configuration before anything is computed; the step's error when the filter cannot go on.
 pub fn run(config: &Config, log: &LogData, observer: &mut dyn Observer) -> Result<RunOutput> {
-    Run::new(config, log)?.finish(observer)
+    run_from(config, log, &Beginning::default(), observer)
+}
+
+/// Runs the configured filter over a log, in a given map or from a given start.
+///
+/// **Errors:** as [`run`], and for a map or start that makes no sense.
+pub fn run_from(
+    config: &Config,
+    log: &LogData,
+    beginning: &Beginning,
+    observer: &mut dyn Observer,
+) -> Result<RunOutput> {
+    Run::new(config, log, beginning)?.finish(observer)
 }
 
 /// Goes on with a run of which [`Observer::keep`] got a snapshot; what comes out is that of the run without the cut, but
 /// for computing times.
 ///
 /// **Errors:** as [`run`], and [`Error::Input`](crate::error::Error::Input) for a snapshot that is damaged, or of another
-/// configuration or log.
-pub fn resume(config: &Config, log: &LogData, snapshot: &[u8], observer: &mut dyn Observer) -> Result<RunOutput> {
-    Run::from_snapshot(config, log, snapshot)?.finish(observer)
+/// configuration, log or map.
+pub fn resume(
+    config: &Config,
+    log: &LogData,
+    beginning: &Beginning,
+    snapshot: &[u8],
+    observer: &mut dyn Observer,
+) -> Result<RunOutput> {
+    Run::from_snapshot(config, log, beginning, snapshot)?.finish(observer)
 }
 
 /// A run under way.
 struct Run<'a> {
     config: &'a Config,
     log: &'a LogData,
+    beginning: &'a Beginning,
     rows: Box<dyn Iterator<Item = Row> + 'a>,
     stream: Stream,
     steps: Vec<StepRecord>,
 }
 
 impl<'a> Run<'a> {
-    fn new(config: &'a Config, log: &'a LogData) -> Result<Self> {
+    fn new(config: &'a Config, log: &'a LogData, beginning: &'a Beginning) -> Result<Self> {
         log.validate()?;
         log.check_gaps(config.filter.path_period_s)?;
         config.association.check_classes(&log.sightings)?;
-        let stream = Stream::new(config.clone(), identities_in(log), Window::OF_A_LOG)?;
-        Ok(Self { config, log, rows: Box::new(log.rows()), stream, steps: Vec::new() })
+        let mut stream = Stream::new(config.clone(), identities_in(log), Window::OF_A_LOG)?;
+        stream.filter().begin(beginning)?;
+        Ok(Self { config, log, beginning, rows: Box::new(log.rows()), stream, steps: Vec::new() })
     }
 
     fn finish(mut self, observer: &mut dyn Observer) -> Result<RunOutput> {

@@ -3,6 +3,7 @@
 use super::{identities_in, Run};
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::given::Beginning;
 use crate::sighting::Skipped;
 use crate::snapshot::{content, open, seal, Head, Holds};
 use crate::stream::{PathStep, StepRecord, Tally};
@@ -28,16 +29,30 @@ impl<'a> Run<'a> {
         let head = Head::of_run(self.config, identities_in(self.log))?;
         let Tally { events, path_steps, skipped, repaired } = self.stream.tally();
         let done = (events, &self.steps, path_steps, skipped, repaired);
-        seal(&head, &(self.log.checksum(), done, self.stream.save_filter()?))
+        seal(&head, &(self.checksum()?, done, self.stream.save_filter()?))
     }
 
-    pub(super) fn from_snapshot(config: &'a Config, log: &'a LogData, snapshot: &[u8]) -> Result<Self> {
-        let mut run = Self::new(config, log)?;
+    /// Of the log, and of the map and the start where some are given.
+    fn checksum(&self) -> Result<u32> {
+        if self.beginning.is_empty() {
+            return Ok(self.log.checksum());
+        }
+        let bytes = postcard::to_allocvec(self.beginning).map_err(|e| Error::Input(format!("the map: {e}")))?;
+        Ok(self.log.checksum() ^ crc32fast::hash(&bytes))
+    }
+
+    pub(super) fn from_snapshot(
+        config: &'a Config,
+        log: &'a LogData,
+        beginning: &'a Beginning,
+        snapshot: &[u8],
+    ) -> Result<Self> {
+        let mut run = Self::new(config, log, beginning)?;
         let (head, stored) = open(snapshot, Holds::Run)?;
         head.check(config, identities_in(log))?;
-        let Stored(checksum, done, filter) = content(stored)?;
-        if checksum != log.checksum() {
-            return Err(Error::Input("the snapshot is refused: it is of a run over another log".into()));
+        let Stored(checksum, done, filter) = content(&stored)?;
+        if checksum != run.checksum()? {
+            return Err(Error::Input("the snapshot is refused: it is of a run over another log, map or start".into()));
         }
         let Done { events, steps, path_steps, skipped, repaired } = done;
         run.stream.go_to(Tally { events, path_steps, skipped, repaired }, &filter, &mut run.rows)?;

@@ -10,7 +10,7 @@
 
 use super::differences::{Candidate, Differences, Pair, Set};
 use super::factor::{Lanes, LANES};
-use super::graph::{Graph, Mode, Sights};
+use super::graph::{Graph, Known, Mode, Sights};
 use crate::math;
 use crate::measurement::MeasurementModel;
 
@@ -87,9 +87,11 @@ impl<M: MeasurementModel> Graph<'_, M> {
             landmarks[older].seen.extend(seen);
             landmarks[older].seen.sort_by_key(|seen| seen.sighting);
         }
-        let mut kept = landmarks.iter().map(|sights| !sights.seen.is_empty());
+        // What is known without sightings stays.
+        let is_left = |sights: &Sights| !sights.seen.is_empty() || sights.known != Known::Nothing;
+        let mut kept = landmarks.iter().map(is_left);
         guess.landmarks.retain(|_| kept.next().unwrap_or(false));
-        landmarks.retain(|sights| !sights.seen.is_empty());
+        landmarks.retain(is_left);
         let closed = Graph { landmarks, ..*self };
         let new_mode = closed.solve(guess)?;
         let worse = 2.0 * (new_mode.cost - mode.cost);
@@ -264,7 +266,7 @@ fn chi_squared_limit(degrees_of_freedom: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::graph::{by_landmark, Solution};
+    use super::super::graph::{by_landmark, Known, Solution};
     use super::super::history::{History, Trajectory, NO_LANDMARK};
     use super::*;
     use crate::geometry::{Pose, Symmetric2};
@@ -395,7 +397,7 @@ mod tests {
     fn sighted_together_means_two_things() {
         let sights = |steps: &[u32]| {
             let seen = |step: &u32| super::super::history::Seen { birth: 0, step: *step, sighting: *step };
-            Sights { birth: 0, seen: steps.iter().map(seen).collect() }
+            Sights { birth: 0, known: Known::Nothing, seen: steps.iter().map(seen).collect() }
         };
         assert_eq!(seen_together(&sights(&[1, 2, 5, 9]), &sights(&[0, 2, 3, 9, 12])), 2);
         assert_eq!(seen_together(&sights(&[1]), &sights(&[])), 0);

@@ -59,6 +59,10 @@ impl Draws {
     ) -> [Gaussian; LANES] {
         let [x, y] = self.landmarks[landmark];
         let mut sums = [[0.0; LANES]; 5];
+        for i in 0..LANES {
+            let known = sights.known.information([x[i], y[i]]);
+            sums.iter_mut().zip(known).for_each(|(sum, value)| sum[i] = value);
+        }
         vectorized(
             #[inline(always)]
             || {

@@ -4,8 +4,9 @@
 
 use super::factor::{Factor, UpperTriangle};
 use super::history::{History, Seen, Trajectory};
-use crate::geometry::{Matrix3, Pose};
-use crate::landmark::{Measured, Tail};
+use crate::gaussian::Gaussian;
+use crate::geometry::{Matrix3, Pose, Symmetric2};
+use crate::landmark::{innovation_covariance, Measured, Tail};
 use crate::math;
 use crate::measurement::MeasurementModel;
 use rustc_hash::FxHashMap;
@@ -20,14 +21,29 @@ const LEAST_VARIANCE: [f64; 3] = [1e-8, 1e-8, 1e-10];
 const ITERATIONS: usize = 12;
 /// An undamped step that moves nothing by more than this (m, rad) is the last.
 const SMALL_STEP: f64 = 1e-3;
+/// Precision of a place that is known once and for all, per square metre; no sighting touches it.
+const UNMOVED: f64 = 1e12;
 /// Damping of the steps, relative to the diagonal, until one leads downhill.
 const DAMPING: [f64; 4] = [0.0, 1e-3, 1e-1, 1e1];
+
+/// What is known of a landmark but for the sightings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Known {
+    /// Nothing.
+    Nothing,
+    /// Where it lies, as a Gaussian that sightings improve.
+    Prior(Gaussian),
+    /// Where it lies, once and for all; the covariance adds to the noise of each sighting.
+    Place(Gaussian),
+}
 
 /// Sightings of one landmark.
 #[derive(Clone, Debug)]
 pub struct Sights {
     /// Birth of the landmark.
     pub birth: u32,
+    /// What is known of it beside them.
+    pub known: Known,
     /// When and as what it was seen, in the order of time.
     pub seen: Vec<Seen>,
 }
@@ -38,7 +54,7 @@ pub fn by_landmark(seen: &[Seen], known: impl Fn(u32) -> bool) -> Vec<Sights> {
     let mut sights: Vec<Sights> = Vec::new();
     for &one in seen.iter().filter(|one| known(one.birth)) {
         let place = *places.entry(one.birth).or_insert_with(|| {
-            sights.push(Sights { birth: one.birth, seen: Vec::new() });
+            sights.push(Sights { birth: one.birth, known: Known::Nothing, seen: Vec::new() });
             sights.len() - 1
         });
         sights[place].seen.push(one);
@@ -192,6 +208,8 @@ impl<M: MeasurementModel> Graph<'_, M> {
                 let at = [3 * layout.poses + 2 * k, place];
                 self.add_sighting(solution, k, seen, at, (upper, &mut descent));
             }
+            let own = 3 * layout.poses + 2 * k;
+            self.landmarks[k].known.add_to(solution.landmarks[k], own, (upper, &mut descent));
         }
         descent
     }
@@ -228,12 +246,14 @@ impl<M: MeasurementModel> Graph<'_, M> {
         (upper, descent): (&mut UpperTriangle, &mut [f64]),
     ) {
         let measured = self.history.sighting(seen.sighting);
-        let view = self.view(solution.trajectory.poses[seen.step as usize], solution.landmarks[k], measured);
+        let known = &self.landmarks[k].known;
+        let view = self.view(solution.trajectory.poses[seen.step as usize], (solution.landmarks[k], known), measured);
         let [[w00, w01], [_, w11]] = view.weight;
         let weigh = |a: f64, b: f64| [a * w00 + b * w01, a * w01 + b * w11];
         let by_landmark: [[f64; 2]; 2] = std::array::from_fn(|c| weigh(view.by_landmark[0][c], view.by_landmark[1][c]));
         let dot = |w: [f64; 2], a: f64, b: f64| w[0] * a + w[1] * b;
-        for c in 0..2 {
+        let free = if matches!(known, Known::Place(_)) { 0 } else { 2 };
+        for c in 0..free {
             let end = upper.column_starts[own + c + 1];
             for r in 0..=c {
                 upper.values[end - 1 - c + r] += dot(by_landmark[r], view.by_landmark[0][c], view.by_landmark[1][c]);
@@ -249,7 +269,7 @@ impl<M: MeasurementModel> Graph<'_, M> {
             }
             descent[3 * pose + c] += dot(by_pose[c], view.innovation[0], view.innovation[1]);
         }
-        for c in 0..2 {
+        for c in 0..free {
             let start = upper.column_starts[own + c] + 3 * place;
             for r in 0..3 {
                 upper.values[start + r] += dot(by_pose[r], view.by_landmark[0][c], view.by_landmark[1][c]);
@@ -257,11 +277,11 @@ impl<M: MeasurementModel> Graph<'_, M> {
         }
     }
 
-    fn view(&self, T_world_robot: Pose, landmark: [f64; 2], measured: &Measured) -> View {
+    fn view(&self, T_world_robot: Pose, (landmark, known): ([f64; 2], &Known), measured: &Measured) -> View {
         let sensor = T_world_robot.compose(self.T_robot_sensor);
         let linear = self.model.linearize(sensor, landmark);
         let innovation = self.model.innovation(measured.value, linear.expected);
-        let r = measured.noise;
+        let r = known.widened(measured.noise, linear.by_landmark);
         let inverse = 1.0 / r.determinant();
         let [a, b] = innovation;
         let distance = (r.yy * a * a - 2.0 * r.xy * a * b + r.xx * b * b) * inverse;
@@ -288,10 +308,11 @@ impl<M: MeasurementModel> Graph<'_, M> {
             cost += 0.5 * (0..3).map(|i| weighted[i] * residual[i]).sum::<f64>();
         }
         for (k, sights) in self.landmarks.iter().enumerate() {
+            cost += sights.known.cost(solution.landmarks[k]);
             for seen in &sights.seen {
                 let measured = self.history.sighting(seen.sighting);
                 let pose = solution.trajectory.poses[seen.step as usize];
-                let distance = self.view(pose, solution.landmarks[k], measured).distance;
+                let distance = self.view(pose, (solution.landmarks[k], &sights.known), measured).distance;
                 let loss = match measured.tail {
                     Tail::Gaussian => 0.5 * distance,
                     // The integral of the weight that `noise_scale` gives, which is 1 for ordinary sightings.
@@ -319,6 +340,44 @@ impl<M: MeasurementModel> Graph<'_, M> {
             *landmark = [landmark[0] + d[0], landmark[1] + d[1]];
         }
         moved
+    }
+}
+
+impl Known {
+    /// Precision (xx, xy, yy) and pull (x, y) on a landmark that is thought to be here.
+    pub(super) fn information(&self, at: [f64; 2]) -> [f64; 5] {
+        let Self::Prior(Gaussian { mean, covariance }) = self else { return [0.0; 5] };
+        let inverse = 1.0 / covariance.determinant();
+        let (xx, xy, yy) = (covariance.yy * inverse, -covariance.xy * inverse, covariance.xx * inverse);
+        let [x, y] = [mean[0] - at[0], mean[1] - at[1]];
+        [xx, xy, yy, xx * x + xy * y, xy * x + yy * y]
+    }
+
+    /// Minus the logarithm of the prior density, up to a constant.
+    fn cost(&self, at: [f64; 2]) -> f64 {
+        let (Self::Prior(known), [.., pull_x, pull_y]) = (self, self.information(at)) else { return 0.0 };
+        0.5 * (pull_x * (known.mean[0] - at[0]) + pull_y * (known.mean[1] - at[1]))
+    }
+
+    /// Adds what is known to the landmark's block, whose first row is `own`.
+    fn add_to(&self, at: [f64; 2], own: usize, (upper, descent): (&mut UpperTriangle, &mut [f64])) {
+        let [xx, xy, yy, pull_x, pull_y] = match self {
+            Self::Nothing => return,
+            Self::Prior(_) => self.information(at),
+            Self::Place(_) => [UNMOVED, 0.0, UNMOVED, 0.0, 0.0],
+        };
+        let ends = [upper.column_starts[own + 1], upper.column_starts[own + 2]];
+        for (place, value) in [(ends[0] - 1, xx), (ends[1] - 2, xy), (ends[1] - 1, yy)] {
+            upper.values[place] += value;
+        }
+        descent[own] += pull_x;
+        descent[own + 1] += pull_y;
+    }
+
+    /// The noise of a sighting with that of a place that does not move.
+    fn widened(&self, noise: Symmetric2, by_landmark: [[f64; 2]; 2]) -> Symmetric2 {
+        let Self::Place(Gaussian { covariance, .. }) = self else { return noise };
+        innovation_covariance(by_landmark, *covariance, noise)
     }
 }
 

@@ -128,7 +128,7 @@ impl Stream {
 
     /// Path of the best hypothesis with a pose at every step: stamps in seconds and `T_world_robot`.
     pub fn smoothed(&self) -> Vec<(f64, Pose)> {
-        let start = self.config.initial_pose.T_world_robot();
+        let start = self.filter.start();
         with_unsampled(&self.filter.best_path(), &self.tally.path_steps, start)
     }
 
@@ -189,7 +189,7 @@ impl Stream {
     /// **Errors:** [`Error::Input`] when the bytes are no snapshot, of something else, of another format or damaged.
     pub fn load(snapshot: &[u8]) -> Result<(Self, String)> {
         let (head, stored) = open(snapshot, Holds::Stream)?;
-        let Stored(timeline, intake, tally, since, filter) = content(stored)?;
+        let Stored(timeline, intake, tally, since, filter) = content(&stored)?;
         let fresh = Self::new(head.config()?, head.identities, intake.window)?;
         let mut stream = Self { timeline, intake, tally, since, ..fresh };
         stream.filter.restore(&filter)?;

@@ -108,6 +108,21 @@ impl Chain {
         self.newest
     }
 
+    /// The level of one lineage from which all particles descend, while there is no other; `None` when there is.
+    pub(super) fn root(&mut self) -> Option<u32> {
+        if self.newest == NONE {
+            let parents = self.parents.allocate(1);
+            self.parents.get_mut(parents, 1)[0] = 0;
+            self.newest = self.add_level(1, parents, self.generation, [NONE, NONE]);
+            // Its rows are not in the order of the particles, as those of an earlier generation are not.
+            self.generation += 1;
+            self.maps_in_use = 0;
+            self.next_map = 0;
+        }
+        let Level { rows, older, generation, .. } = self.levels[self.newest as usize];
+        (rows == 1 && older == NONE && generation < self.generation).then_some(self.newest)
+    }
+
     /// Particle i becomes a copy of the former particle `ancestor_indices[i]`.
     pub(super) fn resample(&mut self, ancestor_indices: &[u32]) {
         let current = &mut self.scratch[0];

@@ -345,6 +345,17 @@ impl LandmarkStore for LineageStore {
         self.prune(PRUNED_AT_ONCE[1]);
     }
 
+    fn insert_shared(&mut self, slot: u32, row: &[f64]) {
+        self.remove(slot);
+        let Some(level) = self.chain.root() else {
+            let particles = self.chain.particles();
+            return self.insert(slot, &row.iter().flat_map(|value| vec![*value; particles]).collect::<Vec<f64>>());
+        };
+        let place = self.create(slot, level);
+        self.values.get_mut(place, row.len()).copy_from_slice(row);
+        self.tidy(slot);
+    }
+
     fn remove(&mut self, slot: u32) {
         if self.block(slot).level != NONE {
             self.discard(slot);

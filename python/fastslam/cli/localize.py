@@ -1,0 +1,175 @@
+"""`fastslam localize`: where a robot is in a map that was kept."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..errors import ConfigError
+from .console import progress_bar, stderr, stdout
+from .encoding import print_json
+from .errors import RUN_FAILED
+from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings
+from .output import LogReference, metrics_table
+
+if TYPE_CHECKING:
+    from ..localisation import Localisation
+    from ..maps import StartLike
+
+ANYWHERE = "anywhere"
+
+
+def localize_log(
+    path: LogPath,
+    map: Annotated[
+        Path, typer.Option("--map", metavar="MAP", help="The map: a folder, or a table of landmarks.")
+    ],
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,HEADING|anywhere", help="Where the robot starts; as configured by default."
+        ),
+    ] = None,
+    start_std: Annotated[
+        str | None, typer.Option(metavar="X,Y,HEADING", help="Standard deviations of the start (m, m, rad).")
+    ] = None,
+    extend: Annotated[
+        bool,
+        typer.Option(
+            "--extend/--keep", help="Let prior landmarks improve and add new ones, or keep the map."
+        ),
+    ] = False,
+    format: Format = None,
+    robot: Robot = None,
+    run: Run = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    association: Annotated[
+        str | None, typer.Option(metavar="known|unknown", help="Trust identities?")
+    ] = None,
+    seed: Seed = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; results/<stamp> by default.")
+    ] = None,
+    map_out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Where --extend leaves the map.")
+    ] = None,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Write the numbers only.")] = False,
+    json: Json = False,
+) -> None:
+    """Follow a robot through a map: from a known start, or from anywhere in it.
+
+    With --keep, the default, the map is never changed; what is new and what is gone is listed. With
+    --start anywhere the robot is searched for; where several places remain likely they are listed, and the
+    exit code is 1.
+
+    \b
+    Examples:
+      fastslam localize LOG --map yard.map
+      fastslam localize LOG --map yard.map --start 3,2,0.5 --start-std 0.5,0.5,0.1
+      fastslam localize LOG --map yard.map --start anywhere
+      fastslam localize LOG --map yard.map --extend --map-out yard-2.map
+    """
+    from ..config import load_config, merge, parse_assignments
+    from ..datasets.registry import load
+    from ..localisation import localize
+    from ..maps import Map
+
+    flags = {"association.mode": association, "seed": seed}
+    given = [f"{key}={value}" for key, value in flags.items() if value is not None]
+    layers = [
+        load_config(config) if config is not None else {},
+        parse_assignments([*(settings or []), *given]),
+    ]
+    if map_out is not None and not extend:
+        raise ConfigError("--map-out: only --extend changes a map")
+    begin = _start(start, start_std)
+    log, chart = load(path, format=format, robot=robot, run=run), Map.load(map)
+    with progress_bar(log.name) as advance:
+        found = localize(log, chart, start=begin, config=merge(*layers), keep=not extend, progress=advance)
+    written = _written(found, log, LogReference(path, log.format, robot, run), out, report=not no_report)
+    if map_out is not None and found.result is not None:
+        found.result.map.save(map_out)
+    if json:
+        print_json(_facts(found, written))
+    else:
+        _show(found, written)
+    if found.status == "searching":
+        raise typer.Exit(RUN_FAILED)
+
+
+def _start(start: str | None, std: str | None) -> StartLike:
+    from ..maps import Anywhere, Start
+
+    if start == ANYWHERE:
+        if std is not None:
+            raise ConfigError("--start-std: a start anywhere has none")
+        return Anywhere()
+    if start is None:
+        if std is not None:
+            raise ConfigError("--start-std: say with --start where the robot starts")
+        return None
+    spread = _three("--start-std", std) if std is not None else (0.0, 0.0, 0.0)
+    return Start(*_three("--start", start), std=spread)
+
+
+def _three(option: str, text: str) -> tuple[float, float, float]:
+    try:
+        x_m, y_m, heading_rad = map(float, text.split(","))
+    except ValueError:
+        raise ConfigError(f"{option} {text}: expected three numbers (m, m, rad)") from None
+    return x_m, y_m, heading_rad
+
+
+def _written(
+    found: Localisation, log: Any, reference: LogReference, out: Path | None, *, report: bool
+) -> tuple[Path, Any] | None:
+    """The folder of the results and their metrics; None where there are none."""
+    from ..outputs import write_outputs
+    from .output import write_log_reference
+    from .run import prepare_folder
+
+    if found.result is None:
+        return None
+    folder = prepare_folder(out)
+    metrics = write_outputs(found.result, log, folder, report=report)
+    write_log_reference(folder, reference)
+    return folder, metrics
+
+
+def _show(found: Localisation, written: tuple[Path, Any] | None) -> None:
+    from ..verdict import warnings_of
+
+    console = stdout()
+    if found.modes or found.status == "searching":
+        console.print(found.sentence, highlight=False, markup=False)
+    for mode in found.modes:
+        x, y, heading = mode.T_map_robot
+        line = f"  x {x:.2f} m, y {y:.2f} m, heading {heading:.3f} rad: probability {mode.probability:.4f}"
+        console.print(line, highlight=False, markup=False)
+    if found.result is None or written is None:
+        return
+    console.print(metrics_table(found.result.log_name, written[1]))
+    if found.result.changes is not None:
+        for line in found.result.changes.lines():
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+    for warning in warnings_of(found.result):
+        stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"results: {written[0]}", soft_wrap=True, highlight=False, markup=False)
+
+
+def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, Any]:
+    changes = None if found.result is None else found.result.changes
+    return {
+        "status": found.status,
+        "searched_s": found.searched_s,
+        "modes": [
+            {"T_map_robot": mode.T_map_robot.tolist(), "probability": mode.probability}
+            for mode in found.modes
+        ],
+        "changes": None if changes is None else {"new": changes.new, "gone": changes.gone},
+        "results": None if written is None else str(written[0]),
+        "metrics": None if written is None else written[1],
+    }

@@ -1,0 +1,155 @@
+"""`fastslam map`: look at maps that are kept, check, draw, edit, compare and export them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .console import make_table, stdout
+from .encoding import print_json
+from .options import Json
+
+app = typer.Typer(help="Look at maps that are kept; check, draw, edit, compare and export them.")
+
+MapPath = Annotated[Path, typer.Argument(help="Map: a folder, or a table of landmarks.", metavar="MAP")]
+Landmarks = Annotated[list[str] | None, typer.Option(metavar="ID,ID", help="Landmarks that are taken out.")]
+
+
+@app.command("info", short_help="Say what is in a map.")
+def map_info(path: MapPath, json: Json = False) -> None:
+    """Say what is in a map: landmarks by role and class, extent, how well they are known.
+
+    \b
+    Examples:
+      fastslam map info yard.map
+    """
+    from ..maps import Map, facts
+
+    found = facts(Map.load(path))
+    if json:
+        print_json(found)
+        return
+    rows = [(name, _shown(value), unit) for name, (value, unit) in found.items()]
+    stdout().print(make_table(str(path), ("quantity", ">value", "unit"), rows))
+
+
+@app.command("check", short_help="Check a map; faults are told with file and line.")
+def map_check(path: MapPath) -> None:
+    """Check a map and say what is wrong with it, or odd: two landmarks at one place, for one.
+
+    \b
+    Examples:
+      fastslam map check yard.map
+    """
+    from ..maps import Map, oddities
+
+    chart = Map.load(path)
+    lines = oddities(chart)
+    for line in lines:
+        typer.echo(f"odd: {line}")
+    typer.echo(f"{path}: {len(chart.role):,} landmarks, {len(lines)} odd" if lines else f"{path}: sound")
+
+
+@app.command("draw", short_help="Draw a map as a picture.")
+def map_draw(
+    path: MapPath,
+    out: Annotated[Path, typer.Option(help="The picture; its ending says which kind.")] = Path("map.png"),
+) -> None:
+    """Draw the landmarks with ellipses of 2σ; fixed ones are squares.
+
+    \b
+    Examples:
+      fastslam map draw yard.map --out yard.png
+    """
+    from ..maps import Map
+    from ..plots.chart import write_chart
+
+    typer.echo(write_chart(Map.load(path), out))
+
+
+@app.command("edit", short_help="Change a map: remove, merge, move, name, fix, free.")
+def map_edit(
+    path: MapPath,
+    remove: Landmarks = None,
+    merge: Annotated[
+        list[str] | None, typer.Option(metavar="A,B", help="Landmarks that are one; A keeps its id.")
+    ] = None,
+    move: Annotated[
+        list[str] | None, typer.Option(metavar="ID=X,Y", help="A landmark's place, metres.")
+    ] = None,
+    name: Annotated[list[str] | None, typer.Option(metavar="ID=NAME", help="A landmark's new id.")] = None,
+    fix: Annotated[list[str] | None, typer.Option(metavar="ID,ID", help="Landmarks that stay.")] = None,
+    free: Annotated[
+        list[str] | None, typer.Option(metavar="ID,ID", help="Landmarks that may improve.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the changed map; MAP itself by default.")
+    ] = None,
+) -> None:
+    """Change a map: all changes or none, in the order remove, merge, move, fix, free, name.
+
+    \b
+    Examples:
+      fastslam map edit yard.map --remove L12 --merge L3,L9 --move L4=3.2,1.1
+      fastslam map edit yard.map --name L7=gate --fix L7 --out yard-2.map
+    """
+    from ..mapedit import Edits, edited
+    from ..maps import Map
+
+    chart = Map.load(path)
+    edits = Edits.parse(remove=remove, merge=merge, move=move, name=name, fix=fix, free=free)
+    changed = edited(chart, edits)
+    target = changed.save(out if out is not None else path if path.is_dir() else path.with_suffix(".map"))
+    typer.echo(f"{target}: {len(changed.role):,} landmarks, {len(chart.role):,} before")
+
+
+@app.command("diff", short_help="Say what differs between two maps.")
+def map_diff(
+    first: MapPath,
+    second: Annotated[Path, typer.Argument(help="The other map, in the same frame.", metavar="OTHER")],
+    gate_m: Annotated[float, typer.Option(min=0.0, help="Within this distance two are one.")] = 1.0,
+    json: Json = False,
+) -> None:
+    """Say which landmarks of the second map are new, gone or moved against the first.
+
+    \b
+    Examples:
+      fastslam map diff monday.map tuesday.map
+    """
+    from ..maps import Map, difference
+
+    found = difference(Map.load(first), Map.load(second), gate_m=gate_m)
+    if json:
+        print_json(found)
+        return
+    rows = [(ours, theirs, f"{off_m:.3f}") for ours, theirs, off_m in found["moved"]]
+    rows += [(name, "", "gone") for name in found["gone"]]
+    rows += [("", name, "new") for name in found["new"]]
+    title = f"{found['common']:,} in common, {found['rms_m']:.3f} m apart (RMS)"
+    stdout().print(make_table(title, (first.name, second.name, ">moved (m)"), rows))
+
+
+@app.command("export", short_help="Write a map as CSV, GeoJSON or g2o.")
+def map_export(
+    path: MapPath,
+    to: Annotated[str, typer.Option(metavar="csv|geojson|g2o", help="The format.")] = "csv",
+    out: Annotated[Path | None, typer.Option(help="The file; MAP.FORMAT by default.")] = None,
+) -> None:
+    """Write a map for other programs. GeoJSON has x and y in metres in the map's frame, not degrees.
+
+    \b
+    Examples:
+      fastslam map export yard.map --to geojson
+    """
+    from ..mapfiles import exported
+    from ..maps import Map
+    from ..resultfiles import write_atomically
+
+    target = out if out is not None else Path(f"{path.name.removesuffix('.map')}.{to}")
+    typer.echo(write_atomically(target, exported(Map.load(path), to)))
+
+
+def _shown(value: Any) -> str:
+    return "" if value is None else f"{value:,}" if isinstance(value, int | float) else str(value)

@@ -1,0 +1,260 @@
+"""Where a robot is in a map that was kept: from a known start, or from anywhere in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from .config import Config
+from .datasets.registry import load
+from .log import Floats, Log
+from .maps import Anywhere, Map, Start, StartLike
+from .result import LandmarkMap, RunResult
+from .runner import Progress, configure, run
+from .settings import Layer
+
+if TYPE_CHECKING:
+    from .placement import Constellation, Placement, View
+
+SURE = 0.999
+"""A place is taken that is a thousand times likelier than all others together, twice in a row."""
+FIRST_WINDOW_S = 5.0
+WINDOW_GROWTH = 1.4
+LONGEST_WINDOW_S = 120.0
+"""How long the robot's own map grows before the search gives up."""
+FEWEST_SIGHTINGS = 3
+"""Landmarks that were seen less often place nothing."""
+MOST_LANDMARKS = 25
+FEWEST_MATCHED = 4
+"""Fewer common landmarks place nothing for sure."""
+_SAME_M, _SAME_RAD = 1.0, 0.2
+_LISTED = 1e-3
+"""Places less likely than this are not shown."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A place where the robot may have started: `T_map_robot` (3,) with its covariance and probability."""
+
+    T_map_robot: Floats
+    covariance: Floats
+    probability: float
+    matched: int
+    """Landmarks of the robot's own map that the map explains there."""
+
+
+@dataclass(frozen=True)
+class Localisation:
+    """Where a robot is in a map.
+
+    `status` is `found`, or `searching` where no place is a thousand times likelier than all others: then
+    `modes` are the places that remain, perhaps none, and there is no `result`. `searched_s` is how long the
+    robot drove until its place was sure.
+    """
+
+    status: Literal["found", "searching"]
+    modes: tuple[Mode, ...]
+    searched_s: float
+    result: RunResult | None
+
+    @property
+    def sentence(self) -> str:
+        """What it comes to."""
+        if self.status == "found":
+            return f"found after {self.searched_s:.1f} s"
+        places = f"{len(self.modes)} places are likely" if self.modes else "no place of the map fits"
+        return f"searching: after {self.searched_s:.1f} s {places}"
+
+
+def localize(
+    source: Log | Path | str,
+    map: Map | Path | str,
+    *,
+    start: StartLike = None,
+    config: Layer | None = None,
+    keep: bool = True,
+    progress: Progress | None = None,
+) -> Localisation:
+    """Follows a robot through a map, from a start or, with `Anywhere()`, after finding it there.
+
+    With `keep` the map is not changed: what does not fit is in `result.changes`. Otherwise prior landmarks
+    improve and new ones are added; `result.map` is the map then.
+
+    >>> from fastslam import Anywhere, run
+    >>> from fastslam.simulation import simulate
+    >>> log = simulate({"seed": 1, "world": {"count": 20}})
+    >>> unknown = {"association": {"mode": "unknown"}, "filter": {"particles": 30}}
+    >>> localize(log, run(log, unknown).map, start=Anywhere(), config=unknown).status
+    'found'
+
+    Errors: as `run`.
+    """
+    log = source if isinstance(source, Log) else load(source)
+    chart = Map.load(map) if isinstance(map, Path | str) else map
+    used = chart.with_role("fixed") if keep else chart
+    if not isinstance(start, Anywhere):
+        result = run(log, config, map=used, start=start, progress=progress)
+        return Localisation("found", (), 0.0, result)
+    found = find(log, chart, config=config)
+    if found.status == "searching":
+        return found
+    mode = found.modes[0]
+    # The pose is as sure as independent errors make it; those of a map are not independent.
+    spread = 4.0 * mode.covariance + np.diag([0.05, 0.05, 0.01]) ** 2
+    x_m, y_m, heading_rad = mode.T_map_robot.tolist()
+    begin = Start(x_m, y_m, heading_rad, covariance=0.5 * (spread + spread.T))
+    return replace(found, result=run(log, config, map=used, start=begin, progress=progress))
+
+
+def find(log: Log, chart: Map, *, config: Layer | None = None) -> Localisation:
+    """Where the log starts in a map, from constellations of what is seen on the way; there is no `result`.
+
+    The robot makes a map of its own, which grows until it fits into the map at one place alone.
+    """
+    from .placement import odds_of, placements
+
+    configuration = configure(log, config or {})
+    modes: tuple[Mode, ...] = ()
+    before: Mode | None = None
+    window_s = 0.0
+    for window_s in _windows(log):
+        local = run(_until(log, window_s), configuration)
+        ours, theirs = _constellations(local.landmarks, chart, configuration)
+        found = placements(ours, theirs, _view(local, log, configuration))
+        odds = odds_of(found)
+        modes = tuple(_mode(placed, float(p), configuration) for placed, p in zip(found, odds, strict=False))
+        best = modes[0] if modes else None
+        sure = best is not None and best.probability >= SURE and best.matched >= FEWEST_MATCHED
+        if sure and before is not None and best is not None and _are_same(best, before):
+            return Localisation("found", (best,), window_s, None)
+        before = best if sure else None
+    likely = tuple(mode for mode in modes if mode.probability >= _LISTED)
+    return Localisation("searching", likely, window_s, None)
+
+
+def _windows(log: Log) -> Iterator[float]:
+    """Lengths of what is looked at, from the log's beginning, seconds."""
+    stamps = log.sightings.stamp_s
+    if len(stamps) == 0:
+        return
+    begin, end = _begin_s(log), float(stamps.max())
+    longest = min(LONGEST_WINDOW_S, end - begin)
+    window = FIRST_WINDOW_S
+    while window < longest:
+        yield window
+        window *= WINDOW_GROWTH
+    yield longest
+
+
+def _begin_s(log: Log) -> float:
+    firsts = [float(stamps[0]) for stamps in (log.controls.stamp_s, log.sightings.stamp_s) if len(stamps)]
+    return min(firsts)
+
+
+def _until(log: Log, window_s: float) -> Log:
+    """The beginning of a log, without truth."""
+    return between(log, -math.inf, _begin_s(log) + window_s)
+
+
+def between(log: Log, begin_s: float, end_s: float) -> Log:
+    """The controls and sightings of a stretch of a log, without scans and truth."""
+
+    def rows(columns: Any) -> Any:
+        kept = (columns.stamp_s >= begin_s) & (columns.stamp_s <= end_s)
+        picked = {name: None if value is None else value[kept] for name, value in vars(columns).items()}
+        return replace(columns, **picked)
+
+    return replace(
+        log,
+        controls=rows(log.controls),
+        sightings=rows(log.sightings),
+        scans=None,
+        truth_trajectory=None,
+        position_fixes=None,
+        edited_fixes=None,
+    )
+
+
+def _mode(placed: Placement, probability: float, config: Config) -> Mode:
+    """Where the robot started if its own map lies there."""
+    initial = config["initial_pose"]
+    x, y, heading = placed.T_map_local
+    dx, dy = initial["x_m"], initial["y_m"]
+    cosine, sine = math.cos(heading), math.sin(heading)
+    pose = np.array(
+        [
+            x + cosine * dx - sine * dy,
+            y + sine * dx + cosine * dy,
+            math.remainder(heading + initial["heading_rad"], 2.0 * math.pi),
+        ]
+    )
+    moved = np.eye(3)
+    moved[0, 2], moved[1, 2] = y - pose[1], pose[0] - x
+    return Mode(pose, moved @ placed.covariance @ moved.T, probability, placed.matched)
+
+
+def _are_same(a: Mode, b: Mode) -> bool:
+    turned = abs(math.remainder(float(a.T_map_robot[2] - b.T_map_robot[2]), 2.0 * math.pi))
+    apart_m = float(np.linalg.norm(a.T_map_robot[:2] - b.T_map_robot[:2]))
+    return apart_m <= _SAME_M and turned <= _SAME_RAD
+
+
+def _constellations(local: LandmarkMap, chart: Map, config: Config) -> tuple[Constellation, Constellation]:
+    """The robot's own landmarks that are known best, and those of the map, with labels that both have."""
+    from .placement import Constellation
+
+    def variances(landmarks: LandmarkMap) -> Floats:
+        return np.asarray(0.5 * np.trace(landmarks.covariance_m2, axis1=1, axis2=2))
+
+    seen = np.flatnonzero(local.sightings >= FEWEST_SIGHTINGS)
+    rows = seen[np.argsort(variances(local)[seen], kind="stable")[:MOST_LANDMARKS]]
+    known = config["association"]["mode"] == "known" and bool(set(local.ids) & set(chart.landmarks.ids))
+
+    def labels(landmarks: LandmarkMap) -> list[str]:
+        if known:
+            return list(landmarks.ids)
+        return [landmarks.class_name(row) for row in range(len(landmarks.ids))]
+
+    theirs = labels(chart.landmarks)
+    number = {name: index for index, name in enumerate(dict.fromkeys(filter(None, theirs)))}
+    ours = [labels(local)[row] for row in rows]
+    least_m2 = _sensor_variance_m2(config)
+
+    def constellation(mean_m: Floats, variance_m2: Floats, names: list[str]) -> Constellation:
+        label = np.array([number.get(name, -1) for name in names], dtype=np.int64)
+        return Constellation(mean_m, variance_m2, label, exact=known)
+
+    return (
+        constellation(local.mean_m[rows], variances(local)[rows] + least_m2, ours),
+        constellation(chart.landmarks.mean_m, variances(chart.landmarks), theirs),
+    )
+
+
+def _sensor_variance_m2(config: Config) -> float:
+    """A quarter of that of a sighting at five metres: what the errors of one's own map have in common."""
+    sensor = config["sensor"]
+    return float(0.25 * (sensor["range_std_m"] ** 2 + (5.0 * sensor["bearing_std_rad"]) ** 2))
+
+
+def _view(local: RunResult, log: Log, config: Config) -> View:
+    from .placement import View
+
+    mounting = config["sensor"]["mounting"]
+    poses = local.path.T_world_robot
+    poses = poses[np.linspace(0, len(poses) - 1, min(len(poses), 40)).astype(int)]
+    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    sensors = np.column_stack(
+        [
+            poses[:, 0] + cosine * mounting["x_m"] - sine * mounting["y_m"],
+            poses[:, 1] + sine * mounting["x_m"] + cosine * mounting["y_m"],
+            poses[:, 2] + mounting["yaw_rad"],
+        ]
+    )
+    ranges = log.sightings.range_m[np.isfinite(log.sightings.range_m)]
+    reach_m = 0.7 * float(np.percentile(ranges, 90)) if len(ranges) else 0.0
+    return View(sensors, reach_m, 0.45 * config["sensor"]["field_of_view_rad"])
