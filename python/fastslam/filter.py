@@ -90,7 +90,7 @@ class FastSlam:
         if chart is not None:
             identity, names = chart.identities(())
             columns = chart.core_columns(identity, chart.landmarks.class_names)
-        with _core_errors():
+        with core_errors():
             filter.begin(columns, core_start(start))
         self._begin(filter, names, () if chart is None else chart.landmarks.ids)
 

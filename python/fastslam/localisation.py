@@ -25,7 +25,7 @@ SURE = 0.999
 """A place is taken that is a thousand times likelier than all others together, twice in a row."""
 FIRST_WINDOW_S = 5.0
 WINDOW_GROWTH = 1.4
-LONGEST_WINDOW_S = 120.0
+LONGEST_WINDOW_S = 300.0
 """How long the robot's own map grows before the search gives up."""
 FEWEST_SIGHTINGS = 3
 """Landmarks that were seen less often place nothing."""
