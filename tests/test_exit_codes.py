@@ -39,11 +39,15 @@ FAILED: dict[str, tuple[str, ...]] = {
     "calibrate": (NOWHERE,),
     "detect": (NOWHERE,),
     "convert": (NOWHERE, "{out}"),
+    "map": ("info", NOWHERE),
+    "tune": (NOWHERE,),
+    "localize": ("{log}", "--map", NOWHERE),
 }
 USAGE: dict[str, tuple[str, ...]] = {
     **{name: ("--no-such-option",) for name in (*DONE, "detect", "calibrate", "sweep", "reproduce")},
     "run": ("{log}", "--set", "filter.particles=0", "--out", "{out}"),
     "simulate": ("{out}", "--set", "no.such=1"),
+    "localize": ("{log}", "--map", NOWHERE, "--start", "1,2"),
 }
 
 

@@ -19,6 +19,8 @@ REFERENCE = {
         "Python: to run",
         *(
             "fastslam.runner",
+            "fastslam.maps",
+            "fastslam.localisation",
             "fastslam.filter",
             "fastslam.robot",
             "fastslam.config",
