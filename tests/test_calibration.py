@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from fastslam.datasets import load, write_native
 from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation import evaluate
 from fastslam.log import Log
+from fastslam.result import RunResult
 from fastslam.runner import run
 from fastslam.simulation import resolve_simulation, simulate
 from small_log import make_small_log
@@ -207,3 +210,23 @@ def test_the_range_scale_of_a_camera_is_found_and_its_map_gets_better(data_dir: 
         return float(np.median([evaluate(result, log)["landmark_rmse_m"] for result in runs]))
 
     assert map_error_m(found.settings) < 0.8 * map_error_m({})
+
+
+def test_a_lost_run_is_refused_and_what_explains_the_log_worse_is_not_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    log = log_of_seed(5, correlation_s=0.01)
+    found = calibrate(log, {"filter": {"particles": 15}}, reference="odometry")
+    assert found.evidence_gain > 0 and found.settings
+    calls: list[float] = []
+
+    def worse(result: RunResult, from_s: float, common: Mapping[str, Any]) -> float:
+        calls.append(from_s)
+        return -float(len(calls) == 1)
+
+    monkeypatch.setattr("fastslam.calibration.evidence", worse)
+    kept = calibrate(log, {"filter": {"particles": 15}}, reference="odometry")
+    assert len(calls) == 2 and kept.evidence_gain == -1.0 and kept.settings == {}
+    lost = replace(log.sightings, bearing_rad=-log.sightings.bearing_rad)
+    with pytest.raises(DataError, match="nothing can be calibrated from this run"):
+        calibrate(replace(log, sightings=lost), {"filter": {"particles": 15}})

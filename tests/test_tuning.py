@@ -178,8 +178,16 @@ def test_the_command_writes_settings_that_a_run_takes(broken: Log, tmp_path: Pat
     facts = json.loads(printed.stdout)
     assert facts["settings"] == load_config(settings)
     assert facts["evidence_gain"] > 100 and len(facts["attempts"]) >= 2
-    given = ["--config", str(settings), *arguments[:4], "--no-report", "--out", str(tmp_path / "run")]
-    assert fastslam("run", str(folder), *given).exit_code == 0
+    # A run that tunes by itself leaves what it learned, and is the run with what was found.
+    given = ["--auto", *arguments[:4], "--no-report", "--json", "--out", str(tmp_path / "run")]
+    ran = fastslam("run", str(folder), *given)
+    assert ran.exit_code == 0, ran.stderr
+    learned = json.loads((tmp_path / "run" / "learned.json").read_text())
+    assert learned["settings"] == facts["settings"]
+    used = load_config(tmp_path / "run" / "config.yaml")
+    assert (
+        used["motion"]["correction"]["turn_gain"] == learned["settings"]["motion"]["correction"]["turn_gain"]
+    )
 
 
 def test_the_table_names_what_was_found_and_what_the_log_does_not_tell(

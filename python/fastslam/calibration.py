@@ -9,7 +9,7 @@ bias and a turned mounting are one thing as well: of the two only the yaw of the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -26,6 +26,7 @@ from .log import Controls, Floats, Ints, Log
 from .result import RunResult
 from .runner import configure, run
 from .settings import Layer
+from .tuning.judge import evidence, fault_of
 
 Reference: TypeAlias = Literal["sensor", "odometry", "survey"]
 RANGE_PARAMETERS = ("range_scale", "range_bias_m")
@@ -79,6 +80,8 @@ class Calibration:
     converged: bool
     sightings: int
     landmarks: int
+    evidence_gain: float = 0.0
+    """Nats that a run with the settings found explains the log better by; below zero they are not kept."""
 
     def __getitem__(self, key: str) -> Parameter:
         """The parameter of a key, such as `range_scale` or `mounting.x_m`."""
@@ -94,15 +97,35 @@ def calibrate(
     the `sensor`, of the `odometry`, or of the `survey`, the true landmarks of the log. The settings hold what
     differs from the configured value by more than SIGNIFICANT standard errors, and with `noise` the noise
     too: a filter often wants more than the residuals show, because errors that repeat do not average out.
-    Sightings without an identity are taken for the nearest landmark of the run's map. Errors: DataError for
-    a log with too little in it, ConfigError for the configuration or an unknown reference.
+    Sightings without an identity are taken for the nearest landmark of the run's map. Settings under which a
+    run explains the log worse than before are not kept, unless a survey is the reference.
+    Errors: DataError for a log with too little in it, or whose run was lost or mapped things twice;
+    ConfigError for the configuration or an unknown reference.
     """
     if reference not in get_args(Reference):
         raise ConfigError(f"reference: got {reference}, expected {', '.join(get_args(Reference))}")
     log = with_sightings(log)
     configuration = configure(log, config or {})
-    batch = _batch(log, configuration, run(log, configuration), reference)
-    return _calibration(configuration, batch, solve_batch(batch), noise=noise)
+    result = run(log, configuration)
+    fault = fault_of(result)
+    if fault is not None:
+        message = f"nothing can be calibrated from this run: {fault.message}; `fastslam tune` may find why"
+        raise DataError(message, log.source)
+    batch = _batch(log, configuration, result, reference)
+    found = _calibration(configuration, batch, solve_batch(batch), noise=noise)
+    return _judged(found, log, result, binding=reference != "survey")
+
+
+def _judged(found: Calibration, log: Log, before: RunResult, *, binding: bool) -> Calibration:
+    """With how much a run gains by it; without settings where it loses and that is `binding`.
+
+    A survey knows what no sighting tells, the scale of the world: against it a run's evidence only informs.
+    """
+    if not found.settings:
+        return found
+    after = run(log, merge(before.config, found.settings))
+    gain = evidence(after, -np.inf, before.config) - evidence(before, -np.inf, before.config)
+    return replace(found, evidence_gain=gain, settings=found.settings if gain >= 0 or not binding else {})
 
 
 def _batch(log: Log, config: Config, result: RunResult, reference: Reference) -> Batch:

@@ -14,6 +14,7 @@ from .convert import convert_log
 from .datasets import app as datasets_app
 from .demo import demo
 from .detect import detect_landmarks
+from .doctor import doctor
 from .encoding import never_fail_to_print
 from .errors import OneLineErrors
 from .evaluate import evaluate_results
@@ -45,6 +46,7 @@ app.command("compare", short_help="Lay several results over each other on one pa
 app.command("detect", short_help="Detect landmarks in the laser scans of a log.")(detect_landmarks)
 app.command("tune", short_help="Find noise, gains, mounting and delay from a log.")(tune_log)
 app.command("calibrate", short_help="Estimate noise and mounting of the sensor.")(calibrate_sensor)
+app.command("doctor", short_help="Say how a log's numbers may be meant, with log-odds.")(doctor)
 app.command("info", short_help="Say what is in a log.")(info)
 app.command("convert", short_help="Write a log in another format.")(convert_log)
 app.command("sweep", short_help="Run a grid of configurations, seeds and logs.")(sweep)

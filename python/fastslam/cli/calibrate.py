@@ -87,6 +87,11 @@ def _warnings(found: Calibration) -> list[str]:
         warnings.append(
             f"this log does not tell {', '.join(hidden)}: drive curves, see landmarks from all sides"
         )
+    if found.evidence_gain < 0 and not found.settings:
+        warnings.append(
+            f"a run with what was found explains the log worse by {-found.evidence_gain:,.0f} nats: "
+            "nothing is written"
+        )
     if not found.converged:
         warnings.append("the estimate had not settled when it was stopped: take it with care")
     return warnings

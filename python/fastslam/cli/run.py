@@ -19,6 +19,7 @@ from .errors import RUN_FAILED
 from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings, Verbose
 from .output import LogReference, metrics_table, summary_table, write_log_reference
 from .times import times_shown
+from .tune import learned_into
 
 if TYPE_CHECKING:
     from ..checkpoint import Checkpoints
@@ -55,6 +56,9 @@ Resume = Annotated[
 MapOut = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="Keep the map in this folder too, for `localize`.")
 ]
+Auto = Annotated[
+    bool, typer.Option("--auto", help="Tune first: find noise, gains, mounting and delay, and run with them.")
+]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write the numbers only, no pictures.")]
 
 
@@ -84,12 +88,14 @@ def run_log(
     json: Json = False,
     verbose: Verbose = False,
     unexamined: Unexamined = False,
+    auto: Auto = False,
 ) -> None:
     """Run the filter over a log and write map, path, numbers, pictures and a report.
 
     Settings come from: defaults < the log's own < --config < --set and the flags below.
 
     Ctrl-C or SIGTERM stops the run: what was computed until then is written, and the exit code is 130.
+    With --auto it tunes first, as `fastslam tune` does, and leaves what was learned in `learned.json`.
     With --checkpoint-every the same command and --resume goes on from there, to the same bits.
 
     \b
@@ -101,7 +107,7 @@ def run_log(
       fastslam run LOG --out results/night --checkpoint-every 60 --resume
       fastslam run LOG --map-out yard.map
     """
-    from ..config import load_config, parse_assignments
+    from ..config import load_config, merge, parse_assignments
     from ..datasets.registry import load
     from ..runner import configure
 
@@ -123,8 +129,11 @@ def run_log(
         with stage("examine"):
             findings = () if unexamined else _examined(log, configuration)
         reference = LogReference(path, log.format, robot, run)
-        results = Results(prepare_folder(out), reference, report=not no_report, findings=findings)
-        checkpoints = _checkpoints(results.folder, checkpoint_every, resume=resume)
+        folder = prepare_folder(out)
+        if auto:
+            configuration = configure(log, *layers, learned_into(folder, log, merge(*layers), quiet=json))
+        results = Results(folder, reference, report=not no_report, findings=findings)
+        checkpoints = _checkpoints(folder, checkpoint_every, resume=resume)
         finished = run_all(log, configuration, results, runs=runs, checkpoints=checkpoints)
         if map_out is not None:
             finished.result.map.save(map_out)

@@ -13,8 +13,13 @@ from .encoding import print_json
 from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings
 
 if TYPE_CHECKING:
+    from ..log import Log
+    from ..settings import Layer
     from ..tuning import Tuning
     from ..tuning.learn import Value
+
+LEARNED_FILE = "learned.json"
+"""What a run with --auto learned before it: values, intervals, evidence."""
 
 
 def tune_log(
@@ -31,7 +36,7 @@ def tune_log(
     """Find the noise, the gains, biases and delay of the odometry, and the mounting of the sensor.
 
     The first 70 % of the sightings teach, the others judge: what is written explains them better than the
-    settings stated, by 10 nats or more, or the file is empty. At most four runs of the filter are made.
+    settings stated, by 10 nats or more, or the file is empty. At most five runs of the filter are made.
 
     Settings come from: defaults < the log's own < --config < --set; they say where to begin.
 
@@ -58,6 +63,20 @@ def tune_log(
         return
     show_tuning(log.name, found)
     typer.echo(written)
+
+
+def learned_into(folder: Path, log: Log, layer: Layer, *, quiet: bool) -> dict[str, Any]:
+    """Tunes, leaves what was learned in a folder of results, and gives the settings found."""
+    from ..resultfiles import to_json, write_atomically
+    from ..timing import stage
+    from ..tuning import tune
+
+    with stage("tune"), progress_bar(log.name) as advance:
+        found = tune(log, layer, progress=advance)
+    write_atomically(folder / LEARNED_FILE, to_json(facts_of(found)))
+    if not quiet:
+        show_tuning(log.name, found)
+    return found.settings
 
 
 def show_tuning(name: str, found: Tuning) -> None:

@@ -54,7 +54,7 @@ def places(
     """
     mounting = sensor["mounting"]["x_m"], sensor["mounting"]["y_m"], sensor["mounting"]["yaw_rad"]
     T_odometry_robot = reckoning.poses_at(
-        sightings.stamp_s - hypothesis.delay_s,
+        sightings.stamp_s - sensor["delay_s"] - hypothesis.delay_s,
         speed_gain=hypothesis.speed_gain,
         turn_gain=hypothesis.turn_gain,
     )

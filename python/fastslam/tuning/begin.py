@@ -51,12 +51,12 @@ def beginning(log: Log, config: Mapping[str, Any], wide: Floats) -> Beginning:
         return Beginning(AS_IS, ())
     sensor = {**config["sensor"], "range_std_m": float(wide[0]), "bearing_std_rad": float(wide[1])}
     bench = Bench(log.sightings, sensor, DeadReckoning(log.controls, config["motion"]), asked)
-    best, nats = AS_IS, {AS_IS: _nats(bench, AS_IS)}
+    best, nats = AS_IS, {AS_IS: nats_of(bench, AS_IS)}
     for _ in range(SWEEPS):
         for name, values in (("turn_gain", TURN_GAINS), ("delay_s", DELAYS_S), ("speed_gain", SPEED_GAINS)):
             for value in values:
                 tried = _with(best, name, value)
-                nats.setdefault(tried, _nats(bench, tried))
+                nats.setdefault(tried, nats_of(bench, tried))
             here = [_with(best, name, value) for value in values]
             found = max(here, key=nats.__getitem__)
             best = found if nats[found] > nats[best] + LEAST_GAIN else best
@@ -69,7 +69,7 @@ def beginning(log: Log, config: Mapping[str, Any], wide: Floats) -> Beginning:
     return Beginning(best, alone)
 
 
-def _nats(bench: Bench, hypothesis: Hypothesis) -> float:
+def nats_of(bench: Bench, hypothesis: Hypothesis) -> float:
     """Log-likelihood of the answers, as of normal errors that are cut, one for each sighting asked about.
 
     Questions about one sighting at several later moments are not independent: they count once together.

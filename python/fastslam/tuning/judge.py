@@ -14,7 +14,9 @@ from ..result import RunResult
 
 MOST_LOST = 0.2
 """A run that is lost in more of its steps teaches nothing."""
-MOST_DOUBLED = 0.15
+MOST_UNEXPLAINED = 0.5
+"""A map of which more of the sightings show nothing is none."""
+MOST_DOUBLED = 0.4
 """Share of landmarks that stand beside another, nearer than their uncertainty lets two be told apart."""
 DOUBLED_STDS = 3.0
 LEAST_LANDMARKS = 4
@@ -68,7 +70,16 @@ def fault_of(result: RunResult) -> Fault | None:
     landmarks = result.landmarks
     if len(landmarks.ids) == 0:
         return Fault("nothing was mapped")
-    twice = doubled(result)
+    steps = result.steps
+    unexplained = float(np.sum(steps.new_landmarks + steps.ignored)) / max(
+        float(np.sum(steps.sightings)), 1.0
+    )
+    if unexplained > MOST_UNEXPLAINED:
+        return Fault(f"{unexplained:.0%} of the sightings show no landmark of the map")
+    # Names keep two landmarks apart however near they are.
+    twice = (
+        doubled(result) if result.config["association"]["mode"] == "unknown" else np.zeros(0, dtype=np.bool_)
+    )
     if len(twice) >= LEAST_LANDMARKS and np.mean(twice) > MOST_DOUBLED:
         return Fault(
             f"{int(twice.sum())} of {len(twice)} landmarks stand so near another one that the map seems "

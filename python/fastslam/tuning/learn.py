@@ -164,25 +164,47 @@ def learn(
     before = np.array([value_of(stated, one.key) for one in known])
     problem = problem_of(log, config, stretch, places)
     problem = replace(problem, prior=problem.prior + before - [value_of(config, one.key) for one in known])
-    problem, noise = _settled(log, config, stretch, problem)
+    now, problem, noise = _settled(log, config, stretch, problem)
+    values = _judged(log, known, before, (problem, noise))
+    # What is kept as stated must be so when the noise is learned, or it would be that of another robot.
+    held = np.array([value.key for value in values if not value.significant])
+    problem = _holding(problem, np.isin([one.key for one in known], held))
+    _, problem, noise = _settled(log, now, stretch, problem, noise)
+    again = {value.key: value for value in _judged(log, known, before, (problem, noise))}
+    values = tuple(value if value.key in held else again[value.key] for value in values)
+    return _learned(stated, parts, noise, values, (stretch, linearised(problem, noise)))
+
+
+def _judged(
+    log: Log, known: tuple[Known, ...], before: Floats, solution: tuple[Problem, Noise]
+) -> tuple[Value, ...]:
+    """The parameters of a solution with their standard errors."""
+    problem, noise = solution
     rows = linearised(problem, noise)
     solver = Bordered(problem, rows)
     followed = solver.followed(np.random.default_rng(0))
     error = np.sqrt(np.diag(_clustered(solver, rows, problem, followed)))
     delay = [one.key for one in known].index(DELAY)
     error[delay] = np.hypot(error[delay], WITHIN_A_ROW * float(np.median(np.diff(log.controls.stamp_s))))
-    found = before - (problem.prior - problem.parameters)
-    values = _values(known, before, found, error, problem.prior_std)
-    return _learned(stated, parts, noise, values, (stretch, rows))
+    return _values(known, before, before - (problem.prior - problem.parameters), error, problem.prior_std)
+
+
+def _holding(problem: Problem, held: Any) -> Problem:
+    """The problem with some of its parameters held where they were stated."""
+    count = len(problem.motion)
+    parameters = np.where(held, problem.prior, problem.parameters)
+    batch = replace(problem.batch, parameters=parameters[count:])
+    prior_std = np.where(held, 0.0, problem.prior_std)
+    return replace(problem, batch=batch, motion=parameters[:count], prior_std=prior_std)
 
 
 def _settled(
-    log: Log, config: Mapping[str, Any], stretch: Stretch, problem: Problem
-) -> tuple[Problem, Noise]:
+    log: Log, config: Mapping[str, Any], stretch: Stretch, problem: Problem, noise: Noise | None = None
+) -> tuple[Mapping[str, Any], Problem, Noise]:
     """Gauss-Newton steps and steps of the noise in turn, until neither moves or ITERATIONS are over."""
     parts = noise_parts(log.controls, config["motion"])
     start = start_noise(parts, problem.links, wide_noise(log, config))
-    noise = start
+    noise = noise or start
     for iteration in range(ITERATIONS):
         rows = linearised(problem, noise)
         solver = Bordered(problem, rows)
@@ -198,7 +220,7 @@ def _settled(
         config, problem = _relinked(log, config, problem, stretch)
         if iteration > TAIL_FROM + 2 and shorter == 1.0 and float(change.max()) < SETTLED:
             break
-    return problem, noise
+    return config, problem, noise
 
 
 def problem_of(
@@ -311,3 +333,18 @@ def _short(value: float) -> float:
 def reckoned(log: Log, config: Mapping[str, Any], stamp_s: Floats) -> Floats:
     """Poses (K, 3) by the odometry alone at stamps of sightings."""
     return DeadReckoning(log.controls, config["motion"]).poses_at(stamp_s - config["sensor"]["delay_s"])
+
+
+def repeating(learned: Learned) -> Learned:
+    """The same with the sensor's noise wider by the root of the correlation.
+
+    Errors that repeat look small from scan to scan, and do not average out: so many sightings then tell as
+    much as one, and one that is seen again later lies further off than its neighbours do.
+    """
+    root = float(np.sqrt(learned.correlation))
+    sensor = {
+        name: _short(root * learned.settings["sensor"][name]) for name in ("range_std_m", "bearing_std_rad")
+    }
+    keys = {f"sensor.{name}": value for name, value in sensor.items()}
+    values = tuple(replace(value, value=keys.get(value.key, value.value)) for value in learned.values)
+    return replace(learned, values=values, settings=merge(learned.settings, {"sensor": sensor}))

@@ -1,0 +1,164 @@
+"""Every reading of a log's numbers with its log-odds against the numbers as they stand, and the remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from ..examination import examine
+from ..examination.evidence import READINGS
+from ..examination.finding import Finding
+from ..examination.hypotheses import AS_IS, DEGREE, Hypothesis
+from ..examination.stretches import Bench
+from ..examination.subject import prepare
+from ..log import Log
+from ..settings import Layer
+from .begin import DELAYS_S, LEAST_GAIN, LEAST_QUESTIONS, SPEED_GAINS, TURN_GAINS, nats_of
+from .learn import wide_noise
+
+FINER = 4
+"""A gain or a delay is looked for four times halved between the values that are tried."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A reading of the numbers: what it says, log-odds against the log as it stands, and the remedy."""
+
+    name: str
+    log_odds: float
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What `diagnose` found: readings from the likeliest down, findings of the examination, comparisons.
+
+    `verdicts` is empty where fewer than LEAST_QUESTIONS sightings can be held against each other.
+    """
+
+    verdicts: tuple[Verdict, ...]
+    findings: tuple[Finding, ...]
+    questions: int
+
+    @property
+    def suspected(self) -> tuple[Verdict, ...]:
+        """The readings that the log prefers by LEAST_GAIN nats to its numbers as they stand."""
+        return tuple(verdict for verdict in self.verdicts if verdict.log_odds > LEAST_GAIN)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The members by name, for JSON."""
+        return {
+            "suspected": [asdict(verdict) for verdict in self.suspected],
+            "readings": [asdict(verdict) for verdict in self.verdicts],
+            "findings": [finding.to_dict() for finding in self.findings],
+            "sightings_compared": self.questions,
+        }
+
+
+def diagnose(log: Log, config: Layer | None = None) -> Diagnosis:
+    """Holds a log against every reading of its numbers, without running a filter.
+
+    `config` is laid over the log's own settings. The log-odds are those of the sightings of one moment, moved
+    by the odometry, against what is seen a moment later. Errors: ConfigError for `config`.
+    """
+    findings = examine(log, config)
+    if any(finding.severity == "error" for finding in findings) or len(log.controls.stamp_s) < 2:
+        return Diagnosis((), findings, 0)
+    subject = prepare(log, config)
+    if len(subject.log.sightings.stamp_s) == 0:
+        return Diagnosis((), findings, 0)
+    bench = subject.bench
+    questions = len(bench.asked.asked)
+    if questions < LEAST_QUESTIONS:
+        return Diagnosis((), findings, questions)
+    wide = wide_noise(subject.log, subject.config)
+    sensor = {**bench.sensor, "range_std_m": float(wide[0]), "bearing_std_rad": float(wide[1])}
+    bench = replace(bench, sensor=sensor)
+    as_is = nats_of(bench, AS_IS)
+    ackermann = subject.config["motion"]["model"] == "ackermann"
+    verdicts = [
+        Verdict(name, nats - as_is, _remedy(kind, reading, subject.config, ackermann=ackermann))
+        for kind, name, reading, nats in _tried(bench)
+    ]
+    return Diagnosis(tuple(sorted(verdicts, key=lambda one: -one.log_odds)), findings, questions)
+
+
+def _tried(bench: Bench) -> Iterator[tuple[str, str, Hypothesis, float]]:
+    """Kind, name, reading and nats of the best reading of each kind."""
+    best: dict[str, tuple[Hypothesis, float]] = {}
+    for reading in READINGS:
+        if reading.kind == "delay":
+            continue
+        nats = nats_of(bench, reading.hypothesis)
+        if reading.kind not in best or nats > best[reading.kind][1]:
+            best[reading.kind] = reading.hypothesis, nats
+    for kind, (hypothesis, nats) in best.items():
+        yield kind, _name(kind, hypothesis), hypothesis, nats
+    for kind, member, values in (
+        ("turn-gain", "turn_gain", TURN_GAINS),
+        ("distance-gain", "speed_gain", SPEED_GAINS),
+        ("delay", "delay_s", DELAYS_S),
+    ):
+        hypothesis, nats = _searched(bench, member, values)
+        yield kind, _name(kind, hypothesis), hypothesis, nats
+
+
+def _searched(bench: Bench, member: str, values: tuple[float, ...]) -> tuple[Hypothesis, float]:
+    """The best value of a gain or a delay other than none, more finely around the best one tried."""
+
+    def at(value: float) -> Hypothesis:
+        changes: dict[str, Any] = {member: value}
+        return replace(AS_IS, **changes)
+
+    nats = {value: nats_of(bench, at(value)) for value in values if at(value) != AS_IS}
+    best = max(nats, key=nats.__getitem__)
+    apart = min(abs(other - best) for other in values if other != best)
+    for _ in range(FINER):
+        apart /= 2
+        for value in (best - apart, best + apart):
+            if at(value) != AS_IS:
+                nats[value] = nats_of(bench, at(value))
+        best = max(nats, key=nats.__getitem__)
+    return at(best), nats[best]
+
+
+def _name(kind: str, reading: Hypothesis) -> str:
+    degrees = round(reading.bearing_offset_rad / DEGREE)
+    late = "late" if reading.delay_s > 0 else "early"
+    return {
+        "mirrored": "bearings mirrored",
+        "turned": f"sensor or bearings turned by {degrees} degrees",
+        "mirrored-turned": f"bearings mirrored and turned by {degrees} degrees",
+        "turn-sign": "turns of the other sign",
+        "turn-unit": "turns in degrees" if reading.turn_gain < 1 else "turns in radians taken for degrees",
+        "speed-sign": "speeds of the other sign",
+        "speed-unit": f"speeds or ways {1 / reading.speed_gain:.4g} times too large",
+        "bearing-unit": "bearings in degrees",
+        "turn-gain": f"turns {reading.turn_gain:.3g} of what the odometry says",
+        "distance-gain": f"ways {reading.speed_gain:.3g} of what the odometry says",
+        "delay": f"sightings {abs(reading.delay_s):.2g} s {late}",
+    }[kind]
+
+
+def _remedy(kind: str, reading: Hypothesis, config: Mapping[str, Any], *, ackermann: bool) -> str:
+    """The line to paste, or what to change in the file where no setting does it."""
+    motion, sensor = config["motion"], config["sensor"]
+    gain = motion["correction"]["distance_gain"] * reading.speed_gain
+    key, before = "motion.correction.turn_gain", motion["correction"]["turn_gain"]
+    if ackermann:
+        key, before = "motion.steering_gain", motion["steering_gain"]
+    turn = f"--set {key}={before * reading.turn_gain:.6g}"
+    yaw_rad = sensor["mounting"]["yaw_rad"] + reading.bearing_offset_rad
+    remedies = {
+        "mirrored": "negate bearing_rad",
+        "mirrored-turned": f"turn bearing_rad into {reading.bearing_offset_rad:.4f} - bearing_rad",
+        "bearing-unit": "write bearing_rad in radians, or call the column bearing_deg",
+        "turned": f"--set sensor.mounting.yaw_rad={yaw_rad:.4f}",
+        "delay": f"--set sensor.delay_s={sensor['delay_s'] + reading.delay_s:.3g}",
+    }
+    for name in ("turn-sign", "turn-unit", "turn-gain"):
+        remedies[name] = turn
+    for name in ("speed-sign", "speed-unit", "distance-gain"):
+        remedies[name] = f"--set motion.correction.distance_gain={gain:.6g}"
+    return remedies[kind]

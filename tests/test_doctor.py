@@ -1,0 +1,81 @@
+"""The doctor names the fault that was put into a log, with the line that puts it right."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cli_runner import fastslam
+from fastslam.config import parse_assignments
+from fastslam.datasets import write_native
+from fastslam.log import Log
+from fastslam.simulation import resolve_simulation, simulate
+from fastslam.tuning import diagnose
+
+
+@pytest.fixture(scope="module")
+def sound() -> Log:
+    return simulate(resolve_simulation({"seed": 8, "max_duration_s": 30.0}, preset="demo"))
+
+
+def faulty(log: Log, fault: str) -> Log:
+    """The log with one of the faults of FAULTS."""
+    sightings, values = log.sightings, log.controls.values
+    if fault == "late":
+        sightings = replace(sightings, stamp_s=sightings.stamp_s + 0.4)
+    elif fault == "mirrored":
+        sightings = replace(sightings, bearing_rad=-sightings.bearing_rad)
+    elif fault == "turn-gain":
+        values = values / np.array([1.0, 0.65])
+    else:
+        values = values * np.array([1.0, 180 / np.pi])
+    return replace(log, sightings=sightings, controls=replace(log.controls, values=values))
+
+
+FAULTS = {
+    "late": ("late", "--set sensor.delay_s="),
+    "mirrored": ("mirrored", "negate bearing_rad"),
+    "turn-gain": ("turns 0.", "--set motion.correction.turn_gain=0.6"),
+    "degrees": ("turns in degrees", "--set motion.correction.turn_gain=0.0174533"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_the_likeliest_reading_is_the_fault(sound: Log, fault: str) -> None:
+    name, remedy = FAULTS[fault]
+    log = faulty(sound, fault)
+    first = diagnose(log).suspected[0]
+    assert name in first.name and first.remedy.startswith(remedy) and first.log_odds > 100
+    if remedy.startswith("--set"):
+        # What is pasted puts it right: nothing of that size is suspected any more.
+        cured = diagnose(log, parse_assignments([first.remedy.removeprefix("--set ")]))
+        assert all(verdict.log_odds < 0.05 * first.log_odds for verdict in cured.suspected)
+
+
+def test_a_sound_log_is_told_to_be_sound(sound: Log) -> None:
+    found = diagnose(sound)
+    assert len(found.verdicts) >= 10 and found.questions > 100
+    assert not found.suspected and not found.findings
+    odds = [verdict.log_odds for verdict in found.verdicts]
+    assert odds == sorted(odds, reverse=True)
+
+
+def test_a_log_with_too_little_in_it_is_not_judged(sound: Log) -> None:
+    few = np.arange(3)
+    names = ("stamp_s", "range_m", "bearing_rad", "identity", "class_index", "signature")
+    columns = {name: getattr(sound.sightings, name)[few] for name in names}
+    found = diagnose(replace(sound, sightings=replace(sound.sightings, **columns)))
+    assert found.verdicts == () and found.questions < 60
+
+
+def test_the_command_prints_the_line_to_paste_and_json(sound: Log, tmp_path: Path) -> None:
+    write_native(faulty(sound, "late"), tmp_path / "log")
+    printed = fastslam("doctor", str(tmp_path / "log"))
+    assert printed.exit_code == 0, printed.stderr
+    assert "suspected: sightings 0." in printed.stdout and "--set sensor.delay_s=0." in printed.stdout
+    facts = json.loads(fastslam("doctor", str(tmp_path / "log"), "--json").stdout)
+    assert facts["suspected"][0]["remedy"].startswith("--set sensor.delay_s=0.")
+    assert facts["suspected"][0]["log_odds"] == pytest.approx(facts["readings"][0]["log_odds"])
