@@ -41,6 +41,7 @@ FAILED: dict[str, tuple[str, ...]] = {
     "convert": (NOWHERE, "{out}"),
     "map": ("info", NOWHERE),
     "tune": (NOWHERE,),
+    "doctor": (NOWHERE,),
     "localize": ("{log}", "--map", NOWHERE),
 }
 USAGE: dict[str, tuple[str, ...]] = {
