@@ -23,6 +23,7 @@ REFERENCE = {
             "fastslam.localisation",
             "fastslam.filter",
             "fastslam.robot",
+            "fastslam.live",
             "fastslam.config",
             "fastslam.settings",
             "fastslam.errors",

@@ -74,6 +74,7 @@ _MODULES = (
         "log",
         "maps",
     ),
+    "live",
     *("monte_carlo", "outputs", "plots", "report", "result", "resultfiles", "robot", "runner", "settings"),
     *("simulation", "sweep", "tuning"),
 )

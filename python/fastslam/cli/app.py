@@ -19,6 +19,7 @@ from .encoding import never_fail_to_print
 from .errors import OneLineErrors
 from .evaluate import evaluate_results
 from .info import info
+from .live import live_stream
 from .localize import localize_log
 from .maps import app as map_app
 from .reproduce import reproduce_figure
@@ -39,6 +40,7 @@ app = typer.Typer(
 )
 app.command("demo", short_help="Simulate a world, run the filter, write a report.")(demo)
 app.command("run", short_help="Run the filter over a log: map, path, numbers, report.")(run_log)
+app.command("live", short_help="Read events as lines of JSON, write estimates.")(live_stream)
 app.command("localize", short_help="Follow a robot through a map that was kept.")(localize_log)
 app.command("simulate", short_help="Simulate a drive and write it as a log with truth.")(simulate_log)
 app.command("eval", short_help="Score results against the truth of their log.")(evaluate_results)

@@ -1,0 +1,143 @@
+"""`fastslam live`: events as lines of JSON in, estimates as lines of JSON out."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TextIO
+
+import typer
+
+from .._entry import INTERRUPTED
+from ..errors import ConfigError, DataError
+from .console import stderr
+from .options import ConfigFile, Settings
+
+if TYPE_CHECKING:
+    from ..live import Session
+
+
+class Known(str, Enum):
+    """Whether sightings say which landmark they are of."""
+
+    all = "all"
+    some = "some"
+    none = "none"
+
+
+Names = Annotated[Known, typer.Option(help="Which sightings name their landmark.")]
+Classes = Annotated[str, typer.Option(metavar="A,B,..", help="Names of the classes, in order.")]
+State = Annotated[
+    Path | None, typer.Option("--checkpoint", help="Go on from this file, if there is one; keep the state.")
+]
+
+
+def live_stream(
+    config: ConfigFile = None,
+    settings: Settings = None,
+    source: Annotated[str, typer.Option("--in", metavar="stdin|tcp:PORT", help="Where events come from.")] = (
+        "stdin"
+    ),
+    late_s: Annotated[float, typer.Option(metavar="S", help="How late events may come.")] = 0.2,
+    rate_hz: Annotated[float, typer.Option(metavar="HZ", help="Estimates per second of the stamps.")] = 20.0,
+    identities: Names = Known.some,
+    classes: Classes = "",
+    checkpoint: State = None,
+) -> None:
+    """Read odometry and sightings as lines of JSON, write estimates as lines of JSON.
+
+    {"t": 12.30, "odom": [5.9, 0.11]} is a row of odometry in the columns of the motion model,
+    {"t": 12.21, "see": [[7.2, 0.31, "blue"], [9.0, -0.2]]} what was seen at 12.21: range, bearing, and
+    class where association.classes is configured, else name. Lines that are none are counted and reported.
+
+    tcp:PORT listens on this machine only, and ends when the sender closes. The end of the input, Ctrl-C and
+    SIGTERM keep the state in --checkpoint, from which the same command goes on.
+
+    \b
+    Examples:
+      fastslam live --config car.yaml < events.jsonl
+      fastslam live --config car.yaml --in tcp:9000 --checkpoint state.fslam
+    """
+    from ..config import load_config, merge, parse_assignments
+    from ..live import session_of
+    from ..robot import Robot, Window
+
+    layers = [load_config(config) if config is not None else {}, parse_assignments(settings or [])]
+    if checkpoint is not None and checkpoint.exists():
+        robot = Robot.load(checkpoint)
+    else:
+        named = tuple(name.strip() for name in classes.split(",") if name.strip())
+        window = Window(late_s=late_s)
+        robot = Robot(merge(*layers), identities=identities.value, window=window, classes=named)
+    session = session_of(robot, rate_hz=rate_hz)
+    interrupted = False
+    try:
+        with _opened(source) as lines:
+            _pump(session, lines)
+    except KeyboardInterrupt:
+        interrupted = True
+    _finish(session, checkpoint)
+    if interrupted:
+        stderr().print("interrupted: the state was kept" if checkpoint else "interrupted")
+        raise typer.Exit(INTERRUPTED)
+
+
+def _pump(session: Session, lines: Iterator[str]) -> None:
+    for line in lines:
+        try:
+            estimate = session.take(line)
+        except DataError as error:
+            if session.faults.count <= 10:
+                stderr().print(f"passed over: {error}", markup=False, highlight=False, soft_wrap=True)
+            continue
+        if estimate is not None:
+            _write(estimate.to_line())
+
+
+def _finish(session: Session, checkpoint: Path | None) -> None:
+    """Keeps the state, then the last estimate; what was refused is said."""
+    if checkpoint is not None:
+        session.robot.save(checkpoint)
+    last = session.end()
+    if last is not None:
+        _write(last.to_line())
+    refused = {key: count for key, count in session.robot.counts.items() if count and key != "waiting"}
+    if session.faults.count:
+        refused["lines that are no events"] = session.faults.count
+    if refused:
+        what = ", ".join(f"{count:,} {key}" for key, count in refused.items())
+        stderr().print(f"passed over in all: {what}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _write(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+@contextmanager
+def _opened(source: str) -> Iterator[Iterator[str]]:
+    """The lines of a source; bytes that are no UTF-8 make a line that is no event."""
+    if source == "stdin":
+        with open(0, encoding="utf-8", errors="replace", closefd=False) as stream:
+            yield _lines(stream)
+        return
+    kind, _, port = source.partition(":")
+    if kind != "tcp" or not port.isdecimal() or not 0 <= int(port) < 65536:
+        raise ConfigError(f"--in: got {source}, expected stdin or tcp:PORT")
+    with socket.create_server(("127.0.0.1", int(port))) as server:
+        stderr().print(f"listening on 127.0.0.1:{server.getsockname()[1]}", highlight=False)
+        connection, _ = server.accept()
+        with connection, connection.makefile("r", encoding="utf-8", errors="replace") as stream:
+            yield _lines(stream)
+
+
+def _lines(stream: TextIO) -> Iterator[str]:
+    """Line by line, each bounded: the rest of a longer one is a line of its own."""
+    from ..live import LONGEST_LINE
+
+    while line := stream.readline(LONGEST_LINE + 2):
+        yield line

@@ -1,0 +1,216 @@
+"""Lines of JSON in, estimates out: a robot that drives, over standard input or TCP."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from ._given import shown
+from .errors import DataError
+from .log import Floats
+from .result import LandmarkMap
+from .robot import Robot, Step
+
+LONGEST_LINE = 1_000_000
+"""Characters; a longer line is no event."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What is known at a moment: the pose at the newest row, its health, and which landmarks changed."""
+
+    stamp_s: float
+    T_world_robot: Floats
+    covariance: Floats
+    health: str
+    why: tuple[str, ...]
+    changed: tuple[dict[str, Any], ...]
+    """Landmarks that are new or have moved since the last estimate: name, x_m, y_m, standard deviations."""
+    gone: tuple[str, ...]
+
+    def to_line(self) -> str:
+        """One JSON object, as `fastslam live` writes it."""
+        pose = [round(float(value), 6) for value in self.T_world_robot]
+        covariance = [float(f"{value:.6g}") for value in self.covariance.ravel()]
+        facts = {"t": self.stamp_s, "pose": pose, "cov": covariance, "health": self.health}
+        changes = {"changed": self.changed, "gone": self.gone}
+        return json.dumps({**facts, "why": self.why, "map": changes}, ensure_ascii=False)
+
+
+@dataclass
+class Faults:
+    """Lines that were no events: how many, and the first few with their number."""
+
+    count: int = 0
+    shown: list[str] = field(default_factory=list)
+
+    def add(self, number: int, why: str) -> str:
+        """Counts a line; returns what is wrong with it."""
+        self.count += 1
+        message = f"line {number}: {why}"
+        if len(self.shown) < 10:
+            self.shown.append(message)
+        return message
+
+
+@dataclass
+class Session:
+    """A robot with what was said of it so far; `live` and the program go through here."""
+
+    robot: Robot
+    rate_hz: float = 20.0
+    faults: Faults = field(default_factory=Faults)
+    lines: int = 0
+    step: Step | None = None
+    told_s: float = -math.inf
+    told: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+    def take(self, line: str) -> Estimate | None:
+        """Takes a line; the estimate where one is due, in time of the stamps.
+
+        Errors: `DataError`, with the number of the line, for one that is no event; it is counted.
+        """
+        self.lines += 1
+        try:
+            steps = tell(self.robot, line)
+        except DataError as error:
+            raise DataError(self.faults.add(self.lines, str(error))) from None
+        if steps:
+            self.step = steps[-1]
+        if self.step is None or self.robot.pose[0] < self.told_s + 1.0 / self.rate_hz:
+            return None
+        return self.estimate()
+
+    def end(self) -> Estimate | None:
+        """The last estimate, when nothing more comes; none where nothing was computed."""
+        steps = self.robot.end()
+        if steps:
+            self.step = steps[-1]
+        return None if self.step is None else self.estimate()
+
+    def estimate(self) -> Estimate:
+        """What is known now."""
+        stamp_s, mean, covariance = self.robot.pose
+        changed, gone = self._map_changes(self.robot.landmarks)
+        self.told_s = stamp_s
+        info = None if self.step is None else self.step.info
+        return Estimate(
+            stamp_s=stamp_s,
+            T_world_robot=mean,
+            covariance=covariance,
+            health="initializing" if info is None else info.health,
+            why=() if info is None else info.health_reasons,
+            changed=tuple(changed),
+            gone=gone,
+        )
+
+    def _map_changes(self, landmarks: LandmarkMap) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+        """Landmarks that are new or moved by more than a centimetre since they were last told."""
+        changed: list[dict[str, Any]] = []
+        places = {
+            name: (float(x), float(y)) for name, (x, y) in zip(landmarks.ids, landmarks.mean_m, strict=True)
+        }
+        for row, (name, place) in enumerate(places.items()):
+            before = self.told.get(name)
+            if before is not None and math.dist(before, place) < 0.01:
+                continue
+            self.told[name] = place
+            std = [math.sqrt(max(float(landmarks.covariance_m2[row, k, k]), 0.0)) for k in (0, 1)]
+            entry: dict[str, Any] = {"id": name, "at": [round(value, 4) for value in place]}
+            entry["std"] = [round(value, 4) for value in std]
+            if landmarks.class_index is not None and landmarks.class_index[row] >= 0:
+                entry["class"] = landmarks.class_names[int(landmarks.class_index[row])]
+            changed.append(entry)
+        gone = tuple(name for name in self.told if name not in places)
+        for name in gone:
+            del self.told[name]
+        return changed, gone
+
+
+def live(source: Iterable[str], robot: Robot | None = None, *, rate_hz: float = 20.0) -> Iterator[Estimate]:
+    """Estimates of a robot from lines of JSON, at most `rate_hz` of them per second of the stamps.
+
+    >>> lines = ['{"t": 0.0, "odom": [1.0, 0.0]}', '{"t": 0.1, "see": [[2.0, 0.5, "oak"]]}']
+    >>> [round(float(estimate.T_world_robot[0]), 1) for estimate in live(lines)]
+    [0.1]
+
+    Lines that are no events are passed over; use `Session` to be told which. Errors: `DataError` for a rate
+    that is none.
+    """
+    session = session_of(robot or Robot(), rate_hz=rate_hz)
+    for line in source:
+        try:
+            estimate = session.take(line)
+        except DataError:
+            continue
+        if estimate is not None:
+            yield estimate
+    last = session.end()
+    if last is not None:
+        yield last
+
+
+def session_of(robot: Robot, *, rate_hz: float) -> Session:
+    """A session at its start. Errors: `DataError` for a rate that is none."""
+    if not 0.0 < rate_hz < math.inf:
+        raise DataError(f"rate_hz: got {rate_hz}, expected a number above 0")
+    return Session(robot, rate_hz)
+
+
+def tell(robot: Robot, line: str) -> tuple[Step, ...]:
+    """Tells a robot one line: `{"t": 12.3, "odom": [...]}` or `{"t": 12.2, "see": [[r, b, "name"], ...]}`.
+
+    Errors: `DataError` for a line that is no event; the robot is as it was.
+    """
+    if not line.strip():
+        return ()
+    event = _event(line)
+    stamp_s = event["t"]
+    if "odom" in event:
+        return robot.odometry(stamp_s, _list("odom", event["odom"]), covariance=event.get("cov"))
+    seen = [_sighting(entry) for entry in _list("see", event["see"])]
+    labels = [label for _, _, label in seen]
+    named = robot.config["association"]["classes"] is None
+    return robot.sightings(
+        stamp_s,
+        range_m=[range_m for range_m, _, _ in seen],
+        bearing_rad=[bearing_rad for _, bearing_rad, _ in seen],
+        identity=labels if named else None,
+        class_name=None if named else labels,
+    )
+
+
+def _event(line: str) -> dict[str, Any]:
+    if len(line) > LONGEST_LINE:
+        raise DataError(f"{len(line):,} characters, expected at most {LONGEST_LINE:,}")
+    try:
+        event = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"no JSON ({error})") from None
+    if not isinstance(event, dict) or "t" not in event or ("odom" in event) == ("see" in event):
+        raise DataError(f'got {shown(event)}, expected an object with "t" and "odom", or "t" and "see"')
+    unknown = sorted(set(event) - {"t", "odom", "see", *(["cov"] if "odom" in event else [])})
+    if unknown:
+        raise DataError(f"unknown key {shown(unknown[0])}")
+    if isinstance(event["t"], bool) or not isinstance(event["t"], int | float):
+        raise DataError(f"t: got {shown(event['t'])}, expected seconds")
+    return event
+
+
+def _list(key: str, value: object) -> list[Any]:
+    if not isinstance(value, list):
+        raise DataError(f"{key}: got {shown(value)}, expected a list")
+    return value
+
+
+def _sighting(entry: object) -> tuple[float, float, str | None]:
+    numbers_of = entry[:2] if isinstance(entry, list) and len(entry) in (2, 3) else None
+    if numbers_of is None or any(isinstance(v, bool) or not isinstance(v, int | float) for v in numbers_of):
+        raise DataError(f"see: got {shown(entry)}, expected [range_m, bearing_rad] or with a name or class")
+    label = entry[2] if isinstance(entry, list) and len(entry) == 3 else None
+    if label is not None and not isinstance(label, str):
+        raise DataError(f"see: got {shown(label)}, expected a name or class as text")
+    return float(numbers_of[0]), float(numbers_of[1]), label

@@ -1,0 +1,119 @@
+"""`fastslam live` over standard input and TCP, as real processes."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fastslam import run
+from fastslam.errors import DataError
+from fastslam.live import Session, live, session_of
+from fastslam.robot import Robot
+from small_log import make_small_log
+
+LOG = make_small_log(steps=120)
+SETTINGS = ["--set", "filter.particles=15", "--set", "sensor.range_std_m=0.05"]
+SETTINGS += ["--set", "sensor.bearing_std_rad=0.02"]
+
+
+def event_lines() -> list[str]:
+    rows: list[tuple[float, dict[str, Any]]] = [
+        (float(stamp), {"t": float(stamp), "odom": values.tolist()})
+        for stamp, values in zip(LOG.controls.stamp_s, LOG.controls.values, strict=True)
+    ]
+    seen = LOG.sightings
+    for stamp in np.unique(seen.stamp_s):
+        at = np.flatnonzero(seen.stamp_s == stamp)
+        entries = [
+            [float(seen.range_m[i]), float(seen.bearing_rad[i]), LOG.identity_names[seen.identity[i]]]
+            for i in at
+        ]
+        # Sightings come 0.15 s late.
+        rows.append((float(stamp) + 0.15, {"t": float(stamp), "see": entries}))
+    return [json.dumps(event) for _, event in sorted(rows, key=lambda row: row[0])]
+
+
+def final_pose() -> np.ndarray:
+    config = {"filter": {"particles": 15}}
+    return run(LOG, config).trajectory.T_world_robot[-1]
+
+
+def program(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "fastslam", "live", "--identities", "all", *SETTINGS, *arguments]
+
+
+def estimates(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_events_on_standard_input_end_at_the_pose_of_a_run() -> None:
+    lines = event_lines()
+    lines[50:50] = ["{", '{"t": 1}', '{"t": 1, "odom": 3}', "\xff", '{"t": "x", "odom": [1, 0]}']
+    done = subprocess.run(program(), input="\n".join(lines), capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    told = estimates(done.stdout)
+    assert len(told) > 50
+    np.testing.assert_allclose(told[-1]["pose"], final_pose(), atol=2e-6)
+    assert told[-1]["health"] == "ok" and len(told[-1]["cov"]) == 9
+    assert {entry["id"] for one in told for entry in one["map"]["changed"]} == set(LOG.identity_names)
+    assert "passed over: line 51: no JSON" in done.stderr and "Traceback" not in done.stderr
+    assert "5 lines that are no events" in done.stderr
+
+
+def test_events_over_tcp_and_a_state_that_sigterm_keeps(tmp_path: Path) -> None:
+    lines, state = event_lines(), tmp_path / "state.fslam"
+    # After a row of odometry, whose estimate says that all lines before were taken.
+    cut = next(at + 1 for at in range(60, 90) if "odom" in lines[at])
+    out = ""
+    for part, stop in ((lines[:cut], True), (lines[cut:], False)):
+        with subprocess.Popen(
+            program("--in", "tcp:0", "--checkpoint", str(state)),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        ) as process:
+            assert process.stdout is not None and process.stderr is not None
+            port = int(process.stderr.readline().rsplit(":", 1)[1])
+            with socket.create_connection(("127.0.0.1", port), timeout=20) as sender:
+                sender.sendall("".join(line + "\n" for line in part).encode())
+                if stop:
+                    while json.loads(process.stdout.readline())["t"] < json.loads(part[-1])["t"]:
+                        pass
+                    process.send_signal(signal.SIGTERM)
+                    process.wait(30)
+            out = process.communicate(timeout=60)[0]
+            assert process.returncode == (130 if stop else 0)
+        assert state.exists()
+    np.testing.assert_allclose(estimates(out)[-1]["pose"], final_pose(), atol=2e-6)
+
+
+def test_bad_options_are_one_line() -> None:
+    for arguments in (["--in", "udp:1"], ["--in", "tcp:99999"], ["--rate-hz", "0"], ["--late-s", "-1"]):
+        done = subprocess.run(program(*arguments), input="", capture_output=True, text=True, timeout=60)
+        assert done.returncode in (1, 2) and done.stderr.startswith("error: ")
+        assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_estimates_come_at_the_rate_and_say_what_changed() -> None:
+    told = list(live(event_lines(), Robot(LOG.config), rate_hz=2.0))
+    gaps = np.diff([estimate.stamp_s for estimate in told])
+    assert len(told) > 15 and (gaps[:-1] >= 0.5 - 1e-9).all()
+    assert sum(len(estimate.changed) for estimate in told) >= 6
+
+
+@pytest.mark.parametrize(
+    "line", ["[]", '{"t": 1, "see": [[1]]}', '{"t": 1, "see": [[1, 0.1, 3]]}', "[" * 9000]
+)
+def test_a_line_that_is_no_event_is_counted_with_its_number(line: str) -> None:
+    session: Session = session_of(Robot(), rate_hz=10.0)
+    session.take('{"t": 0, "odom": [1, 0]}')
+    with pytest.raises(DataError, match=r"^line 2: "):
+        session.take(line)
+    assert session.faults.count == 1 and session.robot.counts["waiting"] == 1
