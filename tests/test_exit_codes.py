@@ -49,6 +49,7 @@ USAGE: dict[str, tuple[str, ...]] = {
     "run": ("{log}", "--set", "filter.particles=0", "--out", "{out}"),
     "simulate": ("{out}", "--set", "no.such=1"),
     "localize": ("{log}", "--map", NOWHERE, "--start", "1,2"),
+    "live": ("--in", "udp:9000"),
 }
 
 
