@@ -63,6 +63,15 @@ def test_a_sound_log_is_told_to_be_sound(sound: Log) -> None:
     assert odds == sorted(odds, reverse=True)
 
 
+@pytest.mark.parametrize(
+    ("preset", "seed"), [(None, 4), (None, 5), ("demo", 1), ("orchard", 1), ("orchard", 2)]
+)
+def test_what_a_few_turns_or_sightings_gain_is_no_proof(preset: str | None, seed: int) -> None:
+    """In each of these sound worlds some reading gains ten nats or more, in a few parts of the log."""
+    found = diagnose(simulate(resolve_simulation({"seed": seed, "max_duration_s": 60.0}, preset=preset)))
+    assert found.verdicts[0].log_odds > 10 and not found.suspected
+
+
 def test_a_log_with_too_little_in_it_is_not_judged(sound: Log) -> None:
     few = np.arange(3)
     names = ("stamp_s", "range_m", "bearing_rad", "identity", "class_index", "signature")

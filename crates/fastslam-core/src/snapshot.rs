@@ -125,6 +125,16 @@ fn first_difference(key: &str, a: &Value, b: &Value) -> Option<(String, Value, V
     (a != b).then(|| (key.to_owned(), a.clone(), b.clone()))
 }
 
+/// Of the content, and of the format that says how to read it; up to format 2 of the content alone.
+fn checksum_of(format: u32, stored: &[u8]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new();
+    if format > 2 {
+        hasher.update(&format.to_le_bytes());
+    }
+    hasher.update(stored);
+    hasher.finalize()
+}
+
 /// A container around a head and what follows it.
 pub(crate) fn seal(head: &Head, content: &impl Serialize) -> Result<Vec<u8>> {
     let mut bytes = vec![0; PREAMBLE];
@@ -132,7 +142,7 @@ pub(crate) fn seal(head: &Head, content: &impl Serialize) -> Result<Vec<u8>> {
     bytes = postcard::to_extend(head, bytes).map_err(failed)?;
     bytes = postcard::to_extend(content, bytes).map_err(failed)?;
     let (preamble, stored) = bytes.split_at_mut(PREAMBLE);
-    let checksum = crc32fast::hash(stored);
+    let checksum = checksum_of(FORMAT, stored);
     preamble[..8].copy_from_slice(&MAGIC);
     preamble[8..12].copy_from_slice(&FORMAT.to_le_bytes());
     preamble[12..20].copy_from_slice(&(stored.len() as u64).to_le_bytes());
@@ -167,7 +177,7 @@ fn unsealed(bytes: &[u8]) -> Result<(Head, Stored<'_>)> {
     if length != stored.len() as u64 {
         return Err(refused(&format!("it is cut off or overlong: {} bytes of content, not {length}", stored.len())));
     }
-    if checksum != u64::from(crc32fast::hash(stored)) {
+    if checksum != u64::from(checksum_of(format as u32, stored)) {
         return Err(refused("it is damaged (the checksum differs)"));
     }
     let (head, bytes) =

@@ -23,7 +23,8 @@ def doctor(
     """Say how a log's numbers may be meant, with log-odds and the line that puts it right.
 
     Sightings of one moment, moved by the odometry, are held against those of a moment later; no filter runs.
-    A reading above 10 nats is suspected; below zero the log as it stands fits better.
+    A reading above 10 nats, on which parts of the log agree, is suspected; below zero the log as it stands
+    fits better.
 
     \b
     Examples:

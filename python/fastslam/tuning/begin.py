@@ -74,9 +74,15 @@ def nats_of(bench: Bench, hypothesis: Hypothesis) -> float:
 
     Questions about one sighting at several later moments are not independent: they count once together.
     """
-    cost = bench.trial(hypothesis).cost
+    return float(nats_by_part(bench, hypothesis).sum())
+
+
+def nats_by_part(bench: Bench, hypothesis: Hypothesis) -> Floats:
+    """The same for each part of the log, by time, that asks anything. Shape: (P,)."""
+    cost, part = bench.trial(hypothesis).cost, bench.asked.block
     once = len(np.unique(bench.asked.asked)) / max(len(cost), 1)
-    return float(-0.5 * CUT_SQUARED * np.sum(cost) * once)
+    asks = np.bincount(part) > 0
+    return np.asarray(-0.5 * CUT_SQUARED * once * np.bincount(part, cost)[asks])
 
 
 def _with(hypothesis: Hypothesis, name: str, value: float) -> Hypothesis:

@@ -6,17 +6,24 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from ..examination import examine
 from ..examination.evidence import READINGS
 from ..examination.finding import Finding
 from ..examination.hypotheses import AS_IS, DEGREE, Hypothesis
 from ..examination.stretches import Bench
 from ..examination.subject import prepare
-from ..log import Log
+from ..log import Floats, Log
 from ..settings import Layer
-from .begin import DELAYS_S, LEAST_GAIN, LEAST_QUESTIONS, SPEED_GAINS, TURN_GAINS, nats_of
+from .begin import DELAYS_S, LEAST_GAIN, LEAST_QUESTIONS, SPEED_GAINS, TURN_GAINS, nats_by_part, nats_of
 from .learn import wide_noise
 
+AGREE = 3.0
+"""So many standard errors the parts of the log must gain on average.
+
+Errors of the odometry last: what one turn gains in nats is no proof, nor is what a few sightings gain.
+"""
 FINER = 4
 """A gain or a delay is looked for four times halved between the values that are tried."""
 
@@ -28,6 +35,8 @@ class Verdict:
     name: str
     log_odds: float
     remedy: str
+    agreement: float
+    """Mean gain of the parts of the log, by time, in standard errors."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +52,9 @@ class Diagnosis:
 
     @property
     def suspected(self) -> tuple[Verdict, ...]:
-        """The readings that the log prefers by LEAST_GAIN nats to its numbers as they stand."""
-        return tuple(verdict for verdict in self.verdicts if verdict.log_odds > LEAST_GAIN)
+        """The readings that the log prefers by LEAST_GAIN nats, and all over: in parts that AGREE."""
+        clear = (one for one in self.verdicts if one.log_odds > LEAST_GAIN)
+        return tuple(one for one in clear if one.agreement > AGREE)
 
     def to_dict(self) -> dict[str, Any]:
         """The members by name, for JSON."""
@@ -75,17 +85,24 @@ def diagnose(log: Log, config: Layer | None = None) -> Diagnosis:
     wide = wide_noise(subject.log, subject.config)
     sensor = {**bench.sensor, "range_std_m": float(wide[0]), "bearing_std_rad": float(wide[1])}
     bench = replace(bench, sensor=sensor)
-    as_is = nats_of(bench, AS_IS)
+    as_is = nats_by_part(bench, AS_IS)
     ackermann = subject.config["motion"]["model"] == "ackermann"
-    verdicts = [
-        Verdict(name, nats - as_is, _remedy(kind, reading, subject.config, ackermann=ackermann))
-        for kind, name, reading, nats in _tried(bench)
-    ]
+    verdicts = []
+    for kind, name, reading in _tried(bench):
+        gains = nats_by_part(bench, reading) - as_is
+        remedy = _remedy(kind, reading, subject.config, ackermann=ackermann)
+        verdicts.append(Verdict(name, float(gains.sum()), remedy, _agreement(gains)))
     return Diagnosis(tuple(sorted(verdicts, key=lambda one: -one.log_odds)), findings, questions)
 
 
-def _tried(bench: Bench) -> Iterator[tuple[str, str, Hypothesis, float]]:
-    """Kind, name, reading and nats of the best reading of each kind."""
+def _agreement(gains: Floats) -> float:
+    """Mean gain of the parts in standard errors; 0 where there are too few to say."""
+    error = float(np.std(gains, ddof=1)) / np.sqrt(len(gains)) if len(gains) > 2 else np.inf
+    return float(np.mean(gains) / error) if error > 0.0 else 0.0
+
+
+def _tried(bench: Bench) -> Iterator[tuple[str, str, Hypothesis]]:
+    """Kind, name and the best reading of each kind."""
     best: dict[str, tuple[Hypothesis, float]] = {}
     for reading in READINGS:
         if reading.kind == "delay":
@@ -93,18 +110,18 @@ def _tried(bench: Bench) -> Iterator[tuple[str, str, Hypothesis, float]]:
         nats = nats_of(bench, reading.hypothesis)
         if reading.kind not in best or nats > best[reading.kind][1]:
             best[reading.kind] = reading.hypothesis, nats
-    for kind, (hypothesis, nats) in best.items():
-        yield kind, _name(kind, hypothesis), hypothesis, nats
+    for kind, (hypothesis, _) in best.items():
+        yield kind, _name(kind, hypothesis), hypothesis
     for kind, member, values in (
         ("turn-gain", "turn_gain", TURN_GAINS),
         ("distance-gain", "speed_gain", SPEED_GAINS),
         ("delay", "delay_s", DELAYS_S),
     ):
-        hypothesis, nats = _searched(bench, member, values)
-        yield kind, _name(kind, hypothesis), hypothesis, nats
+        hypothesis = _searched(bench, member, values)
+        yield kind, _name(kind, hypothesis), hypothesis
 
 
-def _searched(bench: Bench, member: str, values: tuple[float, ...]) -> tuple[Hypothesis, float]:
+def _searched(bench: Bench, member: str, values: tuple[float, ...]) -> Hypothesis:
     """The best value of a gain or a delay other than none, more finely around the best one tried."""
 
     def at(value: float) -> Hypothesis:
@@ -120,7 +137,7 @@ def _searched(bench: Bench, member: str, values: tuple[float, ...]) -> tuple[Hyp
             if at(value) != AS_IS:
                 nats[value] = nats_of(bench, at(value))
         best = max(nats, key=nats.__getitem__)
-    return at(best), nats[best]
+    return at(best)
 
 
 def _name(kind: str, reading: Hypothesis) -> str:
