@@ -57,17 +57,19 @@ def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -
         return ("nothing was mapped: the log has no sightings; the path is that of the odometry alone",)
     dropped = tuple(_dropped(result, log.sightings))
     of_map = _map_verdict(result, total, explained=bool(dropped))
-    return (*dropped, *of_map, *_not_found_again(result), *_names(result, log, two_places))
+    missing = not_found_again(result)
+    again = () if missing is None else (missing,)
+    return (*dropped, *of_map, *again, *_names(result, log, two_places))
 
 
-def _not_found_again(result: RunResult) -> Iterator[str]:
-    """Whether landmarks were not there when the robot came back to them."""
+def not_found_again(result: RunResult) -> str | None:
+    """A sentence where landmarks were not there when the robot came back to them; None where they were."""
     visited = result.counts.get("landmarks_visited_again", 0)
     missed = result.counts.get("landmarks_not_found_again", 0)
     if missed < max(FEW, NOT_FOUND_AGAIN * visited):
-        return
+        return None
     plain = result.config["filter"]["rejuvenation"]["every_steps"] == 0
-    yield (
+    return (
         f"{missed:,} of the {visited:,} landmarks to which the robot came back were in view and not sighted "
         "any more: part of the map is there twice, or the world has changed"
         + ("; without filter.rejuvenation.every_steps = 0 such loops are closed" if plain else "")

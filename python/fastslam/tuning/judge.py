@@ -11,6 +11,7 @@ import numpy as np
 from ..health import health_summary
 from ..log import Bools
 from ..result import RunResult
+from ..verdict import not_found_again
 
 MOST_LOST = 0.2
 """A run that is lost in more of its steps teaches nothing."""
@@ -19,6 +20,8 @@ MOST_UNEXPLAINED = 0.5
 MOST_DOUBLED = 0.4
 """Share of landmarks that stand beside another, nearer than their uncertainty lets two be told apart."""
 DOUBLED_STDS = 3.0
+NEIGHBOURS = 6
+"""So many of the nearest landmarks are looked at: those that are one lie next to each other."""
 LEAST_LANDMARKS = 4
 
 
@@ -76,6 +79,9 @@ def fault_of(result: RunResult) -> Fault | None:
     )
     if unexplained > MOST_UNEXPLAINED:
         return Fault(f"{unexplained:.0%} of the sightings show no landmark of the map")
+    missing = not_found_again(result)
+    if missing is not None:
+        return Fault(missing)
     # Names keep two landmarks apart however near they are.
     twice = (
         doubled(result) if result.config["association"]["mode"] == "unknown" else np.zeros(0, dtype=np.bool_)
@@ -97,9 +103,13 @@ def doubled(result: RunResult) -> Bools:
     mean = landmarks.mean_m[believed]
     if len(mean) < 2:
         return np.zeros(len(mean), dtype=np.bool_)
-    apart = mean[:, None] - mean[None]
+    from scipy.spatial import cKDTree
+
+    # The nearest of all is the landmark itself, or one in the same place.
+    _, near = cKDTree(mean).query(mean, k=min(NEIGHBOURS + 1, len(mean)))
+    apart = mean[:, None] - mean[near]
     covariance = landmarks.covariance_m2[believed]
-    both = covariance[:, None] + covariance[None] + sensor["range_std_m"] ** 2 * np.eye(2)
+    both = covariance[:, None] + covariance[near] + sensor["range_std_m"] ** 2 * np.eye(2)
     squared = np.einsum("ijk,ijkl,ijl->ij", apart, np.linalg.inv(both), apart)
-    np.fill_diagonal(squared, np.inf)
+    squared[near == np.arange(len(mean))[:, None]] = np.inf
     return np.asarray(squared.min(axis=1) < DOUBLED_STDS**2)
