@@ -8,12 +8,14 @@ BIN := $(VENV)/bin
 IN_VENV := env -u CONDA_PREFIX -u PYTHONPATH -u PYTHONHOME VIRTUAL_ENV="$(CURDIR)/$(VENV)"
 
 SOURCES := pyproject.toml Cargo.toml $(wildcard Cargo.lock) \
-           $(shell find crates -name '*.rs' -o -name Cargo.toml)
+           $(shell find crates -path crates/fastslam-wasm -prune -o \( -name '*.rs' -o -name Cargo.toml \) -print)
+WEB_SOURCES := $(SOURCES) $(shell find crates/fastslam-wasm -type f)
+WEB := target/web/fastslam.html
 PYTHON_BENCHES := $(wildcard benchmarks/bench_*.py)
 QUICK ?=
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-rust test-python lint format docs site bench clean
+.PHONY: help setup demo test test-rust test-python lint format docs web site bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -33,7 +35,7 @@ test-python: setup
 
 lint: setup ## check formatting, lints and types in both languages
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets -- -D warnings
+	cargo clippy --workspace --exclude fastslam-wasm --all-targets -- -D warnings
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m ruff format --check .
 	$(BIN)/python -m mypy
@@ -47,7 +49,9 @@ docs: setup ## write the reference pages that come from the code, and the pictur
 	$(BIN)/python docs/generate.py
 	$(BIN)/python docs/images/draw.py
 
-site: $(VENV)/.site ## build the documentation site into site/; broken links fail
+web: $(WEB) ## build the page with the filter in a browser: one file, target/web/fastslam.html
+
+site: $(VENV)/.site $(WEB) ## build the documentation site into site/; broken links fail
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 	@echo "site/: look at it with $(BIN)/python -m http.server -d site"
 
@@ -69,6 +73,14 @@ $(VENV)/.created:
 $(VENV)/.site: $(VENV)/.created docs/site/requirements.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r docs/site/requirements.txt
 	@touch $@
+
+$(WEB): $(WEB_SOURCES)
+	rustup target add wasm32-unknown-unknown
+	RUSTFLAGS="-C target-feature=+simd128" CARGO_TARGET_DIR=target \
+	  cargo build -p fastslam-wasm --lib --profile web --target wasm32-unknown-unknown
+	@mkdir -p target/web
+	@cp target/wasm32-unknown-unknown/web/fastslam_wasm.wasm target/web/fastslam.wasm
+	@$(PYTHON) crates/fastslam-wasm/page/bundle.py target/web/fastslam.wasm $@
 
 $(VENV)/.installed: $(VENV)/.created $(SOURCES)
 	@PYTHON="$(BIN)/python" scripts/check-tools.sh

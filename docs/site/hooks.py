@@ -26,6 +26,8 @@ MODULE = """\
 ::: {module}
     options: {{show_root_heading: false, show_root_toc_entry: false}}
 """
+WEB = "target/web/fastslam.html"
+"""The page with the filter in it, which `make web` builds."""
 LONG = 45
 """Characters of LaTeX from which a formula may be wider than a phone."""
 
@@ -38,6 +40,7 @@ def on_files(files: Files, config: Any) -> Files:
     """Adds the pages that do not lie in `docs/`."""
     for uri, source in {**PAGES, **OTHERS}.items():
         files.append(File.generated(config, uri, abs_src_path=str(ROOT / source)))
+    files.append(File.generated(config, "browser/fastslam.html", abs_src_path=str(ROOT / WEB)))
     for name, (title, *modules) in REFERENCE.items():
         parts = [f"# {title}\n", *(MODULE.format(module=module) for module in modules)]
         files.append(File.generated(config, f"reference/{name}.md", content="\n".join(parts)))
