@@ -8,7 +8,7 @@ from collections import ChainMap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,9 @@ from .limits import stamp_fault
 from .log import Floats
 from .result import LandmarkMap, Trajectory
 from .settings import Layer
+
+if TYPE_CHECKING:
+    from .watching import View
 
 
 @dataclass(frozen=True)
@@ -188,6 +191,15 @@ class Robot:
         """The map; landmarks without an identity are named `L<birth number>`."""
         with self._lock:
             return landmark_map(self._stream.map(), tuple(self._index_of), tuple(self._index_of_class))
+
+    def view(self, step: Step) -> View:
+        """What a page that watches draws: what is known now, with the last step that was computed."""
+        from .watching import view_of
+
+        with self._lock:
+            names = (tuple(self._index_of), tuple(self._index_of_class), ())
+            fields = (step.stamp_s, step.T_world_robot, step.covariance, step.info)
+            return view_of(self._stream.view(), names, fields)
 
     @property
     def path(self) -> Trajectory:

@@ -6,7 +6,9 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
 
 from . import _core
 from ._yaml import line_of_key
@@ -15,7 +17,7 @@ from .config import Config, merge
 from .datasets.registry import load
 from .detection import with_sightings
 from .errors import ConfigError, DataError, NumericalError
-from .filter import landmark_map
+from .filter import landmark_map, step_info
 from .log import Log
 from .maps import Map, StartLike, changes, core_start
 from .noise import noise_sentences
@@ -23,6 +25,9 @@ from .result import RunResult, Steps, Trajectory
 from .settings import Layer
 from .timing import stage
 from .verdict import named_twice, verdict
+
+if TYPE_CHECKING:
+    from .watching import Watch
 
 Progress: TypeAlias = Callable[[int, int], None]
 """Called a few times a second with (steps done, steps in all)."""
@@ -71,6 +76,7 @@ def run(
     start: StartLike = None,
     progress: Progress | None = None,
     checkpoints: Checkpoints | None = None,
+    watch: Watch | None = None,
 ) -> RunResult:
     """Runs the filter over a log, given as such or as a path (`format` and `robot` as for `datasets.load`).
 
@@ -88,7 +94,8 @@ def run(
     `config` is laid over the log's own settings and the defaults. A KeyboardInterrupt, Ctrl-C for one, stops
     the run: what was computed until then is returned with `interrupted` set. With `checkpoints` the state is
     written to a file on the way, from which the run goes on, in another process too, to the same result but
-    for computing times.
+    for computing times. `watch` is called with a `fastslam.watching.View` after the first step, whenever it
+    asked for the next one, and at the end.
 
     Errors: `DataError` for the log, or a checkpoint that is damaged or of another run; `ConfigError` for the
     configuration; `NumericalError` when the filter cannot go on.
@@ -121,6 +128,7 @@ def run(
                 resume=checkpoints.begin() if checkpoints is not None else None,
                 map=given.columns,
                 start=core_start(start),
+                watch=None if watch is None else _watched(watch, configuration, log, given),
             )
     except ValueError as error:
         raise DataError(str(error), log.source) from None
@@ -145,11 +153,12 @@ def run_many(
     seeds: Iterable[int],
     progress: Progress | None = None,
     checkpoints: Checkpoints | None = None,
+    watch: Watch | None = None,
 ) -> Iterator[RunResult]:
     """Runs the filter with each seed in turn, one result at a time in memory.
 
-    `progress` counts over all runs. After an interrupted run no further one is started. Errors: as `run`, and
-    `ConfigError` for `checkpoints` with more than one seed.
+    `progress` counts over all runs, `watch` sees the first one. After an interrupted run no further one is
+    started. Errors: as `run`, and `ConfigError` for `checkpoints` with more than one seed.
     """
     seeds = tuple(seeds)
     if checkpoints is not None and len(seeds) > 1:
@@ -160,7 +169,13 @@ def run_many(
             if progress is not None:
                 progress(number * total + done, len(seeds) * total)
 
-        result = run(log, {**(config or {}), "seed": seed}, progress=advance, checkpoints=checkpoints)
+        result = run(
+            log,
+            {**(config or {}), "seed": seed},
+            progress=advance,
+            checkpoints=checkpoints,
+            watch=watch if number == 0 else None,
+        )
         yield result
         if result.interrupted:
             return
@@ -181,6 +196,22 @@ class _Given:
             return cls(None, None, log.identity_names)
         identity, names = chart.identities(log.identity_names)
         return cls(chart, chart.core_columns(identity, log.class_names), names)
+
+
+def _watched(watch: Watch, config: Config, log: Log, given: _Given) -> Callable[..., tuple[float, float]]:
+    """Shows `watch` the columns of the core as a view."""
+    from .watching import view_of
+
+    chart_ids = () if given.chart is None else given.chart.landmarks.ids
+    names = (given.names, log.class_names, chart_ids)
+
+    def show(
+        columns: dict[str, Any], step: dict[str, Any], stamp_s: float, pose: list[float], covariance: Any
+    ) -> tuple[float, float]:
+        info = step_info({**step, "warnings": []}, config)
+        return watch(view_of(columns, names, (stamp_s, np.array(pose), np.array(covariance), info)))
+
+    return show
 
 
 def _result(columns: dict[str, Any], log: Log, config: Config, given: _Given) -> RunResult:

@@ -33,6 +33,26 @@ pub struct Appearance {
     pub signature: Option<f64>,
 }
 
+/// What became of a sighting.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Taken {
+    /// It shows this landmark, by birth.
+    Landmark(u64),
+    /// It founded this one.
+    New(u64),
+    /// It was left out.
+    Nothing,
+}
+
+/// A sighting of the last scan, as measured, and what the best hypothesis took it for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Seen {
+    /// In the coordinates of the measurement model.
+    pub value: [f64; 2],
+    /// What it was taken for.
+    pub taken: Taken,
+}
+
 /// Sightings that could not be used, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Skipped {

@@ -4,7 +4,7 @@ use crate::config::{Algorithm, Config};
 use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::ekf_slam::EkfSlam;
 use crate::error::{Error, Result};
-use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Sighting, StepInfo};
+use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Seen, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
 use crate::measurement::MeasurementModel;
@@ -40,6 +40,8 @@ pub trait Slam: Send + Sync {
     fn best_path(&self) -> Vec<(f64, Pose)>;
     /// The map.
     fn map(&mut self) -> MapEstimate;
+    /// What the best hypothesis took the usable sightings of the last scan for.
+    fn seen(&self) -> &[Seen];
     /// What the map occupies.
     fn usage(&self) -> StoreUsage;
     /// What the innovations so far say of the configured noise.
@@ -109,6 +111,9 @@ impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
     fn map(&mut self) -> MapEstimate {
         FastSlam::map(self)
     }
+    fn seen(&self) -> &[Seen] {
+        FastSlam::seen(self)
+    }
     fn usage(&self) -> StoreUsage {
         self.store_usage()
     }
@@ -165,6 +170,9 @@ impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
     }
     fn map(&mut self) -> MapEstimate {
         EkfSlam::map(self)
+    }
+    fn seen(&self) -> &[Seen] {
+        EkfSlam::seen(self)
     }
     fn usage(&self) -> StoreUsage {
         EkfSlam::usage(self)

@@ -2,10 +2,10 @@
 
 use crate::given::{GivenMap, GivenStart};
 use crate::settings::{to_json, to_python};
-use crate::{arrays, config, given, run, step};
+use crate::view::{hypotheses_to_arrays, map_to_dict, path_to_arrays};
+use crate::{arrays, config, given, step};
 use fastslam_core::config::Config;
 use fastslam_core::filter::{Identities, Sighting, StepInfo};
-use fastslam_core::geometry::Pose;
 use fastslam_core::slam::{self, Slam};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -49,21 +49,6 @@ pub fn identities_named(name: &str) -> PyResult<Identities> {
         "none" => Ok(Identities::None),
         other => Err(PyValueError::new_err(format!("identities: got {other}, expected all, some or none"))),
     }
-}
-
-/// Poses (M, 3) and weights (M).
-pub fn hypotheses_to_arrays<'py>(py: Python<'py>, hypotheses: &[(Pose, f64)]) -> PyResult<(Matrix<'py>, Vector<'py>)> {
-    let poses: Vec<f64> = hypotheses.iter().flat_map(|(pose, _)| pose.to_array()).collect();
-    let weights: Vec<f64> = hypotheses.iter().map(|(_, weight)| *weight).collect();
-    Ok((poses.into_pyarray(py).reshape([weights.len(), 3])?, weights.into_pyarray(py)))
-}
-
-/// Stamps (T) and poses (T, 3).
-pub fn path_to_arrays<'py>(py: Python<'py>, path: &[(f64, Pose)]) -> PyResult<(Vector<'py>, Matrix<'py>)> {
-    let poses: Vec<f64> = path.iter().flat_map(|node| node.1.to_array()).collect();
-    let stamps: Vec<f64> = path.iter().map(|node| node.0).collect();
-    let count = stamps.len();
-    Ok((stamps.into_pyarray(py), poses.into_pyarray(py).reshape([count, 3])?))
 }
 
 /// The columns of one scan.
@@ -168,7 +153,7 @@ impl Filter {
 
     fn map<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let map = self.locked(py, |filter| filter.map())?;
-        run::map_to_dict(py, &map)
+        map_to_dict(py, &map)
     }
 
     /// Stamps (T) and poses (T, 3) of the path of the best particle.

@@ -12,6 +12,7 @@ mod settings;
 mod simulation;
 mod step;
 mod stream;
+mod view;
 
 use pyo3::prelude::*;
 

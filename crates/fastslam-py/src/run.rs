@@ -1,10 +1,11 @@
 //! A whole log in one call.
 
 use crate::settings::to_python;
+use crate::view::{map_to_dict, View};
 use crate::{arrays, config, given, noise, step};
 use fastslam_core::config::Config;
-use fastslam_core::filter::{GivenUse, MapEstimate};
 use fastslam_core::run::{Observer, RunOutput, StepRecord};
+use fastslam_core::stream::Stream;
 use fastslam_core::timeline::LogData;
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -20,7 +21,15 @@ struct Progress {
     total: usize,
     callback: Option<Py<PyAny>>,
     checkpoints: Option<Checkpoints>,
+    watch: Option<Watch>,
     failure: Option<PyErr>,
+}
+
+/// Who is shown the run, and when next: at a time of the clock or at a stamp, whichever comes first.
+struct Watch {
+    callback: Py<PyAny>,
+    next_s: f64,
+    next_stamp_s: f64,
 }
 
 /// Who gets a run's snapshots, and how often.
@@ -52,6 +61,17 @@ impl Observer for Progress {
         self.failure.is_none()
     }
 
+    fn look(&mut self, stream: &mut Stream, record: &StepRecord) {
+        let now_s = self.now_s();
+        if self.watch.as_ref().is_some_and(|watch| now_s >= watch.next_s || record.stamp_s >= watch.next_stamp_s) {
+            self.show(stream, record);
+        }
+    }
+
+    fn look_back(&mut self, stream: &mut Stream, record: &StepRecord) {
+        self.show(stream, record);
+    }
+
     /// At its time, and when the run is stopped.
     fn wants_snapshot(&mut self) -> bool {
         let (now_s, stopped) = (self.now_s(), self.failure.is_some());
@@ -69,11 +89,31 @@ impl Observer for Progress {
     }
 }
 
+impl Progress {
+    /// Shows whoever watches the run; an exception ends it.
+    fn show(&mut self, stream: &mut Stream, record: &StepRecord) {
+        let Some(watch) = self.watch.as_mut().filter(|_| self.failure.is_none()) else { return };
+        let answer = Python::attach(|py| -> PyResult<(f64, f64)> {
+            let (view, step) = (View::of(stream).to_dict(py)?, PyDict::new(py));
+            step::set_values(&step, &record.info)?;
+            let pose = &record.pose;
+            watch.callback.call1(py, (view, step, record.stamp_s, pose.mean.to_array(), pose.covariance))?.extract(py)
+        });
+        let after_s = self.start.elapsed().as_secs_f64();
+        match answer {
+            Ok((wait_s, next_stamp_s)) => (watch.next_s, watch.next_stamp_s) = (after_s + wait_s, next_stamp_s),
+            Err(error) => self.failure = Some(error),
+        }
+    }
+}
+
 /// Runs the filter over a log; `resume` is a snapshot to go on from, and `checkpoint(snapshot)` is called every
-/// `checkpoint_every_s` and when the run is stopped. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
+/// `checkpoint_every_s` and when the run is stopped. `watch(view, step, stamp, pose,
+/// covariance)` is shown the run, and answers in how many seconds, or
+/// at which stamp, it wants to be shown it again. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
 /// been computed; any other exception of `progress` is raised.
 #[pyfunction]
-#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None, checkpoint=None, checkpoint_every_s=60.0, resume=None, map=None, start=None))]
+#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None, checkpoint=None, checkpoint_every_s=60.0, resume=None, map=None, start=None, watch=None))]
 #[allow(clippy::too_many_arguments)] // One array per column of a log.
 pub fn run<'py>(
     py: Python<'py>,
@@ -94,6 +134,7 @@ pub fn run<'py>(
     resume: Option<&[u8]>,
     map: Option<given::GivenMap<'py>>,
     start: Option<given::GivenStart<'py>>,
+    watch: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let config = config::parse(config_json)?;
     let beginning = given::beginning(map, start)?;
@@ -114,7 +155,9 @@ pub fn run<'py>(
     let every_s = checkpoint_every_s;
     let checkpoints = checkpoint.map(|callback| Checkpoints { callback, every_s, next_s: every_s });
     let begun = Instant::now();
-    let mut observer = Progress { start: begun, next_s: 0.0, total, callback: progress, checkpoints, failure: None };
+    let watch = watch.map(|callback| Watch { callback, next_s: 0.0, next_stamp_s: f64::NEG_INFINITY });
+    let mut observer =
+        Progress { start: begun, next_s: 0.0, total, callback: progress, checkpoints, watch, failure: None };
     let output = py.detach(|| match resume {
         Some(snapshot) => fastslam_core::run::resume(&config, &log, &beginning, snapshot, &mut observer),
         None => fastslam_core::run::run_from(&config, &log, &beginning, &mut observer),
@@ -165,29 +208,5 @@ fn steps_to_dict<'py>(py: Python<'py>, steps: &[StepRecord]) -> PyResult<Bound<'
     dict.set_item("stamp_s", steps.iter().map(|s| s.stamp_s).collect::<Vec<_>>().into_pyarray(py))?;
     dict.set_item("latency_us", steps.iter().map(|s| 1e6 * s.latency_s).collect::<Vec<_>>().into_pyarray(py))?;
     step::set_columns(&dict, steps.iter().map(|s| &s.info))?;
-    Ok(dict)
-}
-
-/// A map as arrays: identity is −1 where nobody said one.
-pub fn map_to_dict<'py>(py: Python<'py>, map: &MapEstimate) -> PyResult<Bound<'py, PyDict>> {
-    let landmarks = &map.landmarks;
-    let n = landmarks.len();
-    let dict = PyDict::new(py);
-    let integers = |values: Vec<i64>| values.into_pyarray(py);
-    dict.set_item("birth", integers(landmarks.iter().map(|l| l.birth as i64).collect()))?;
-    dict.set_item("identity", integers(landmarks.iter().map(|l| l.identity.map_or(-1, i64::from)).collect()))?;
-    dict.set_item("sightings", integers(landmarks.iter().map(|l| i64::from(l.sightings)).collect()))?;
-    let means: Vec<f64> = landmarks.iter().flat_map(|l| l.mean).collect();
-    dict.set_item("mean_m", means.into_pyarray(py).reshape([n, 2])?)?;
-    let covariances: Vec<f64> = landmarks.iter().map(|l| l.covariance).flat_map(|c| [c.xx, c.xy, c.xy, c.yy]).collect();
-    dict.set_item("confirmed", landmarks.iter().map(|l| l.confirmed).collect::<Vec<_>>().into_pyarray(py))?;
-    let classes = landmarks.iter().map(|l| l.appearance.class.map_or(-1, i64::from));
-    dict.set_item("class_index", integers(classes.collect()))?;
-    let signatures = landmarks.iter().map(|l| l.appearance.signature.unwrap_or(f64::NAN));
-    dict.set_item("signature", signatures.collect::<Vec<_>>().into_pyarray(py))?;
-    let given = |of: fn(GivenUse) -> u32| landmarks.iter().map(move |l| l.given.map_or(-1, |g| i64::from(of(g))));
-    dict.set_item("given_sighted", integers(given(|g| g.sighted).collect()))?;
-    dict.set_item("given_missed", integers(given(|g| g.missed).collect()))?;
-    dict.set_item("covariance_m2", covariances.into_pyarray(py).reshape([n, 2, 2])?)?;
     Ok(dict)
 }

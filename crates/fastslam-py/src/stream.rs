@@ -2,7 +2,8 @@
 
 use crate::filter::{identities_named, Scan};
 use crate::settings::{to_json, to_python};
-use crate::{config, noise, run, step};
+use crate::view::{hypotheses_to_arrays, map_to_dict, path_to_arrays, View};
+use crate::{config, noise, step};
 use fastslam_core::config::Config;
 use fastslam_core::error::Result;
 use fastslam_core::filter::PoseEstimate;
@@ -121,18 +122,23 @@ impl Stream {
     /// Poses (M, 3) and normalised weights (M) of the particles.
     fn particles<'py>(&self, py: Python<'py>) -> PyResult<(Matrix<'py>, Vector<'py>)> {
         let hypotheses = self.locked(py, |stream| stream.filter().weighted_poses())?;
-        crate::filter::hypotheses_to_arrays(py, &hypotheses)
+        hypotheses_to_arrays(py, &hypotheses)
+    }
+
+    /// What it looks like after the last step.
+    fn view<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        self.locked(py, View::of)?.to_dict(py)
     }
 
     fn map<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let map = self.locked(py, |stream| stream.filter().map())?;
-        run::map_to_dict(py, &map)
+        map_to_dict(py, &map)
     }
 
     /// Stamps (T) and poses (T, 3) of the path with a pose at every step.
     fn smoothed<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
         let path = self.locked(py, |stream| stream.smoothed())?;
-        crate::filter::path_to_arrays(py, &path)
+        path_to_arrays(py, &path)
     }
 
     /// Numbers of rows that were refused, by reason, and of those that wait.

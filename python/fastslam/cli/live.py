@@ -16,9 +16,11 @@ from .._entry import INTERRUPTED
 from ..errors import ConfigError, DataError
 from .console import stderr
 from .options import ConfigFile, Settings
+from .watch import DEFAULT_PORT, Watching, WatchPort, watched
 
 if TYPE_CHECKING:
     from ..live import Session
+    from ..watching import Watcher
 
 
 class Known(str, Enum):
@@ -47,6 +49,8 @@ def live_stream(
     identities: Names = Known.some,
     classes: Classes = "",
     checkpoint: State = None,
+    watch: Watching = False,
+    watch_port: WatchPort = DEFAULT_PORT,
 ) -> None:
     """Read odometry and sightings as lines of JSON, write estimates as lines of JSON.
 
@@ -56,6 +60,8 @@ def live_stream(
 
     tcp:PORT listens on this machine only, and ends when the sender closes. The end of the input, Ctrl-C and
     SIGTERM keep the state in --checkpoint, from which the same command goes on.
+
+    --watch serves a page on this machine that draws what is known; it can hold its picture, not the robot.
 
     \b
     Examples:
@@ -75,18 +81,21 @@ def live_stream(
         robot = Robot(merge(*layers), identities=identities.value, window=window, classes=named)
     session = session_of(robot, rate_hz=rate_hz)
     interrupted = False
-    try:
-        with _opened(source) as lines:
-            _pump(session, lines)
-    except KeyboardInterrupt:
-        interrupted = True
-    _finish(session, checkpoint)
+    with watched("live", robot.config, port=watch_port if watch else None, kind="live") as watcher:
+        try:
+            with _opened(source) as lines:
+                _pump(session, lines, watcher)
+        except KeyboardInterrupt:
+            interrupted = True
+        _finish(session, checkpoint)
+        if watcher is not None and session.step is not None:
+            watcher.show(robot.view(session.step))
     if interrupted:
         stderr().print("interrupted: the state was kept" if checkpoint else "interrupted")
         raise typer.Exit(INTERRUPTED)
 
 
-def _pump(session: Session, lines: Iterator[str]) -> None:
+def _pump(session: Session, lines: Iterator[str], watcher: Watcher | None) -> None:
     for line in lines:
         try:
             estimate = session.take(line)
@@ -96,6 +105,8 @@ def _pump(session: Session, lines: Iterator[str]) -> None:
             continue
         if estimate is not None:
             _write(estimate.to_line())
+        if watcher is not None and session.step is not None and watcher.is_due():
+            watcher.show(session.robot.view(session.step))
 
 
 def _finish(session: Session, checkpoint: Path | None) -> None:

@@ -20,6 +20,7 @@ from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settin
 from .output import LogReference, metrics_table, summary_table, write_log_reference
 from .times import times_shown
 from .tune import learned_into
+from .watch import DEFAULT_PORT, Watching, WatchPort, watched
 
 if TYPE_CHECKING:
     from ..checkpoint import Checkpoints
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from ..examination import Finding
     from ..log import Log
     from ..result import RunResult
+    from ..watching import Watch
 
 # Flags that stand for a configuration key; the schema checks their values as it checks those of --set.
 _KEY_OF_FLAG = {
@@ -89,6 +91,8 @@ def run_log(
     verbose: Verbose = False,
     unexamined: Unexamined = False,
     auto: Auto = False,
+    watch: Watching = False,
+    watch_port: WatchPort = DEFAULT_PORT,
 ) -> None:
     """Run the filter over a log and write map, path, numbers, pictures and a report.
 
@@ -97,6 +101,7 @@ def run_log(
     Ctrl-C or SIGTERM stops the run: what was computed until then is written, and the exit code is 130.
     With --auto it tunes first, as `fastslam tune` does, and leaves what was learned in `learned.json`.
     With --checkpoint-every the same command and --resume goes on from there, to the same bits.
+    --watch serves a page on this machine that draws the run and can hold it.
 
     \b
     Examples:
@@ -134,10 +139,12 @@ def run_log(
             configuration = configure(log, *layers, learned_into(folder, log, merge(*layers), quiet=json))
         results = Results(folder, reference, report=not no_report, findings=findings)
         checkpoints = _checkpoints(folder, checkpoint_every, resume=resume)
-        finished = run_all(log, configuration, results, runs=runs, checkpoints=checkpoints)
-        if map_out is not None:
-            finished.result.map.save(map_out)
-        show(finished, json=json)
+        port = watch_port if watch else None
+        with watched(log.name, configuration, port=port, kind="run") as watcher:
+            finished = run_all(log, configuration, results, runs=runs, checkpoints=checkpoints, watch=watcher)
+            if map_out is not None:
+                finished.result.map.save(map_out)
+            show(finished, json=json)
 
 
 def _checkpoints(folder: Path, every_s: float | None, *, resume: bool) -> Checkpoints | None:
@@ -221,7 +228,13 @@ class Finished:
 
 
 def run_all(
-    log: Log, config: Config, results: Results, *, runs: int = 1, checkpoints: Checkpoints | None = None
+    log: Log,
+    config: Config,
+    results: Results,
+    *,
+    runs: int = 1,
+    checkpoints: Checkpoints | None = None,
+    watch: Watch | None = None,
 ) -> Finished:
     """Runs with `runs` seeds, at least one, from the configured one on, and writes all files."""
     from ..evaluation import evaluate
@@ -230,7 +243,7 @@ def run_all(
     seeds = range(config["seed"], config["seed"] + runs)
     others: list[Metrics] = []
     with progress_bar(log.name) as advance:
-        computed = run_many(log, config, seeds=seeds, progress=advance, checkpoints=checkpoints)
+        computed = run_many(log, config, seeds=seeds, progress=advance, checkpoints=checkpoints, watch=watch)
         first = replace(next(computed), findings=tuple(finding.to_dict() for finding in results.findings))
         interrupted = first.interrupted
         # Kept safe at once when further runs, which may fail, are to come.

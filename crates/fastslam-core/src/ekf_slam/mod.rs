@@ -16,7 +16,7 @@ use crate::diagnosis::innovations::PredictedScan;
 use crate::diagnosis::names::{Doubt, Misfit, NamedPlace, IMPLAUSIBLE};
 use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::error::{Error, Result};
-use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Sighting, StepInfo};
+use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Seen, Sighting, StepInfo, Taken};
 use crate::geometry::{moved_by, Pose, Symmetric2};
 use crate::landmark::{fit_with_tail, Fit, Measured};
 use crate::limits::LARGEST_STATE;
@@ -66,6 +66,8 @@ pub struct EkfSlam<M = RangeBearing> {
     gain: VectorPair,
     /// Sightings of known landmarks in this scan.
     seen_again: Vec<SeenAgain>,
+    /// What the sightings of the last scan were taken for.
+    seen: Vec<Seen>,
     before: undo::Before,
 }
 
@@ -143,6 +145,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
             state: State::new(&config),
             gain: VectorPair::new(),
             seen_again: Vec::new(),
+            seen: Vec::new(),
             before: undo::Before::default(),
             model,
             config,
@@ -183,6 +186,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let mut scan: Vec<_> =
             usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped).collect();
         info.sightings = scan.len() as u32;
+        self.seen.clear();
         self.move_pose();
         if self.identities == Identities::All {
             self.doubt_names(&mut scan, &mut info);
@@ -199,6 +203,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
                         self.rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
                 }
                 _ => {
+                    let taken = Taken::New(self.state.landmarks.len() as u64);
+                    self.seen.push(Seen { value: sighting.measured.value, taken });
                     self.add(sighting);
                     info.new_landmarks += 1;
                 }
@@ -207,6 +213,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
         self.check_state(&info)?;
         self.state.watch.begin(stamp_s, info.sightings);
         self.note_fits();
+        self.note_left_out(&scan);
         info.landmarks = self.state.landmarks.len() as u32;
         self.judge_health(stamp_s, &mut info);
         self.state.trail.push((stamp_s, self.state.pose));
@@ -241,12 +248,27 @@ impl<M: MeasurementModel> EkfSlam<M> {
     fn note_fits(&mut self) {
         for SeenAgain { value, index, innovation, s } in self.seen_again.drain(..) {
             self.state.watch.matched(std::iter::once((value, u64::from(index))), 0);
+            self.seen.push(Seen { value, taken: Taken::Landmark(u64::from(index)) });
             let mut scan = PredictedScan { size: 2, ..PredictedScan::default() };
             scan.innovation[..2].copy_from_slice(&innovation);
             scan.covariance[0][..2].copy_from_slice(&[s.xx, s.xy]);
             scan.covariance[1][..2].copy_from_slice(&[s.xy, s.yy]);
             self.state.watch.noise.add(&scan);
         }
+    }
+
+    /// Takes note of the sightings that were taken for nothing.
+    fn note_left_out(&mut self, scan: &[ScanSighting]) {
+        for value in scan.iter().map(|sighting| sighting.measured.value) {
+            if self.seen.iter().all(|seen| seen.value != value) {
+                self.seen.push(Seen { value, taken: Taken::Nothing });
+            }
+        }
+    }
+
+    /// What the usable sightings of the last scan were taken for.
+    pub fn seen(&self) -> &[Seen] {
+        &self.seen
     }
 
     /// Gives the verdict on a step.
@@ -299,7 +321,8 @@ impl<M: MeasurementModel> EkfSlam<M> {
                 self.state.landmarks[index as usize].is_given_up = true;
                 self.state.of_identity.remove(&identity);
             } else {
-                scan.remove(j);
+                let value = scan.remove(j).measured.value;
+                self.seen.push(Seen { value, taken: Taken::Nothing });
                 info.ignored += 1;
             }
         }

@@ -21,6 +21,7 @@ mod particles;
 mod rejuvenation;
 mod scan;
 mod scan_methods;
+mod seen;
 pub mod settings;
 mod snapshot;
 mod state;
@@ -28,7 +29,7 @@ mod usable;
 mod work;
 
 pub use crate::association::Identities;
-pub use crate::sighting::{Sighting, Skipped};
+pub use crate::sighting::{Seen, Sighting, Skipped, Taken};
 pub use crate::step_info::StepInfo;
 pub use estimate::{MapEstimate, MapLandmark};
 pub use given::GivenUse;
@@ -198,6 +199,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         rounds: &mut [Vec<scan::ScanSighting>],
         info: &mut StepInfo,
     ) -> Result<()> {
+        self.work.seen.clear();
         if self.settings.identities == Identities::All {
             rounds.iter_mut().for_each(|round| self.doubt_names(round, info));
         }
@@ -207,6 +209,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         // The names of a whole round may have been doubted.
         info.sampled = !rounds.iter().all(|round| self.keeps_motion_pending(round));
         rounds.iter().try_for_each(|round| self.process(round, info))?;
+        if self.settings.identities == Identities::All {
+            self.see_identified(rounds, births_before);
+        }
         if info.sampled {
             let particles = &self.state.particles;
             self.state.path.extend(stamp_s, &self.workers, |i| particles.pose(i));

@@ -8,6 +8,7 @@ use crate::diagnosis::names::{Doubt, Misfit, NamedPlace, IMPLAUSIBLE};
 use crate::geometry::Symmetric2;
 use crate::landmark::{column, Gaussian, Measured};
 use crate::measurement::MeasurementModel;
+use crate::sighting::{Seen, Taken};
 
 impl<M: MeasurementModel> FastSlam<M> {
     /// Leaves out the sightings of a scan that name a landmark which no particle can have seen there, while the others
@@ -29,7 +30,8 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         for &j in misfits.iter().rev() {
             if self.doubt_name(&scan[j]) == Doubt::LeaveOut {
-                scan.remove(j);
+                let value = scan.remove(j).measured.value;
+                self.work.seen.push(Seen { value, taken: Taken::Nothing });
                 info.ignored += 1;
             }
         }

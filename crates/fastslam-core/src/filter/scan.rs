@@ -54,7 +54,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.correct_decided((j, sighting), &decided, &table, info);
         }
         self.remember_decided(scan, &decisions, &table, &births);
-        self.note_scan(scan, &decisions, &table);
+        self.note_scan(scan, &decisions, &table, &births);
         self.count_given_decided(scan, &decisions, &table);
         if self.judges_existence() && !scan.is_empty() {
             self.judge_existence(&decisions, &table, first_birth, info);
@@ -71,8 +71,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         Ok(())
     }
 
-    /// Takes note of what the best particle made of a scan, where paths are drawn by need.
-    fn note_scan(&mut self, scan: &[ScanSighting], decisions: &[Decision], table: &CandidateTable) {
+    /// Takes note of what the best particle made of a scan; where paths are drawn by need, for these too.
+    fn note_scan(&mut self, scan: &[ScanSighting], decisions: &[Decision], table: &CandidateTable, births: &[u64]) {
+        self.see_decided(scan, decisions, table, births);
         if self.state.rejuvenation.as_ref().is_none_or(|rejuvenation| rejuvenation.need.is_none()) {
             return;
         }

@@ -6,7 +6,7 @@ use crate::diagnosis::innovations::PredictedScan;
 use crate::diagnosis::looks::MapInView;
 use crate::landmark::{Gaussian, Measured, SensorPoses};
 use crate::resampling::Resampler;
-use crate::sighting::ScanSighting;
+use crate::sighting::{ScanSighting, Seen};
 use crate::workers::{PerThread, Workers};
 
 /// What the stages of a step hand to each other, kept for its memory.
@@ -24,6 +24,8 @@ pub(super) struct Work {
     pub examination: Examination,
     /// Sightings of known landmarks with the births of these.
     pub matches: Vec<([f64; 2], u64)>,
+    /// What the best particle took the sightings of the last scan for.
+    pub seen: Vec<Seen>,
     /// Landmarks of the map that the scan should have shown, where that was looked at.
     pub map_in_view: Option<MapInView>,
     pub judging: Judging,

@@ -19,6 +19,10 @@ pub trait Observer {
     fn now_s(&self) -> f64;
     /// Called after every step with the number of steps done; `false` ends the run early.
     fn step_done(&mut self, done: usize) -> bool;
+    /// Shown the stream after every step, before [`Observer::step_done`].
+    fn look(&mut self, _stream: &mut Stream, _record: &StepRecord) {}
+    /// Shown the stream at its end, when all that the filter can learn is learned.
+    fn look_back(&mut self, _stream: &mut Stream, _record: &StepRecord) {}
     /// Whether the run is to hand over a snapshot of itself now. Asked after every step, the last one included.
     fn wants_snapshot(&mut self) -> bool {
         false
@@ -111,7 +115,9 @@ impl<'a> Run<'a> {
     fn finish(mut self, observer: &mut dyn Observer) -> Result<RunOutput> {
         let (mut started_s, mut interrupted) = (observer.now_s(), false);
         while let Some(record) = self.next_step()? {
-            self.steps.push(StepRecord { latency_s: observer.now_s() - started_s, ..record });
+            let record = StepRecord { latency_s: observer.now_s() - started_s, ..record };
+            self.steps.push(record);
+            observer.look(&mut self.stream, &record);
             interrupted = !observer.step_done(self.steps.len());
             if observer.wants_snapshot() {
                 observer.keep(self.snapshot()?);
@@ -125,6 +131,9 @@ impl<'a> Run<'a> {
             self.stream.finish();
         }
         let finishing_s = if interrupted { 0.0 } else { observer.now_s() - started_s };
+        if let Some(record) = self.steps.last() {
+            observer.look_back(&mut self.stream, record);
+        }
         Ok(RunOutput { interrupted, ..self.output(finishing_s) })
     }
 
