@@ -41,11 +41,12 @@ def write_outputs(
     if report:
         # Matplotlib takes a second to load and is needed only here.
         with stage("figures"):
-            from .plots import write_figures
+            from .plots import make_figures, save_figures
 
-            write_figures(result, log, target, evaluation=evaluation)
+            figures = make_figures(result, log, evaluation=evaluation)
+            save_figures(figures, target)
         with stage("page"):
             from .report import write_report
 
-            write_report(result, log, target, evaluation=evaluation, runs=runs)
+            write_report(result, log, target, evaluation=evaluation, runs=runs, figures=figures)
     return evaluation.metrics

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
 from . import __version__
 from .evaluation import Evaluation, Metrics, evaluate_run, flatten
@@ -19,6 +20,9 @@ from .report_landmarks import hover_layer, landmark_table
 from .result import RunResult
 from .resultfiles import REPORT_FILE, config_yaml, write_atomically
 from .verdict import warnings_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _CARDS = (
     ("ate_rmse_m", "path error, RMSE"),
@@ -50,8 +54,11 @@ def write_report(
     *,
     evaluation: Evaluation | None = None,
     runs: Sequence[Metrics] = (),
+    figures: Mapping[str, Figure] | None = None,
 ) -> Path:
     """Write the report of a run; with `runs`, metrics of several runs, a table that sums them up.
+
+    `figures` are those of `plots.make_figures` where they are made already.
 
     `path` is the file, or a folder that gets `report.html`. The page loads nothing from elsewhere.
     Errors: `DataError` where it cannot be written.
@@ -59,24 +66,34 @@ def write_report(
     target = Path(path)
     if target.is_dir() or target.suffix == "":
         target = target / REPORT_FILE
-    return write_atomically(target, render_report(result, log, evaluation=evaluation, runs=runs))
+    page = render_report(result, log, evaluation=evaluation, runs=runs, figures=figures)
+    return write_atomically(target, page)
 
 
 def render_report(
-    result: RunResult, log: Log, *, evaluation: Evaluation | None = None, runs: Sequence[Metrics] = ()
+    result: RunResult,
+    log: Log,
+    *,
+    evaluation: Evaluation | None = None,
+    runs: Sequence[Metrics] = (),
+    figures: Mapping[str, Figure] | None = None,
 ) -> str:
-    """The report as HTML text."""
+    """The report as HTML text; arguments as those of `write_report`."""
+    # Imported here so that scoring and result files work where Matplotlib is not installed.
+    from .plots import make_figures
+
     found = evaluate_run(result, log) if evaluation is None else evaluation
-    figures = _figures(result, log, found)
+    made = make_figures(result, log, evaluation=found) if figures is None else figures
+    blocks = _figures(result, made)
     return render_page(
         "report_page.html",
         title=escape(f"{log.name}: map and path"),
         facts=_facts(result, log),
         verdict=_verdict(result),
         warnings=_warnings(result, found),
-        map=figures.pop("map"),
+        map=blocks.pop("map"),
         cards=_cards(found.metrics),
-        figures="".join(figures.values()),
+        figures="".join(blocks.values()),
         runs=_runs_table(runs) if len(runs) > 1 else "",
         metrics=_metrics_tables(found.metrics),
         landmarks=landmark_table(result.landmarks),
@@ -155,13 +172,12 @@ def _card(text: str, unit: str, label: str) -> str:
     return f'<div class="card"><b>{escape(text)} <small>{escape(unit)}</small></b><span>{label}</span></div>'
 
 
-def _figures(result: RunResult, log: Log, found: Evaluation) -> dict[str, str]:
+def _figures(result: RunResult, figures: Mapping[str, Figure]) -> dict[str, str]:
     """The figures as HTML, by name."""
-    # Imported here so that scoring and result files work where Matplotlib is not installed.
-    from .plots import make_figures, render
+    from .plots import render
 
     blocks = {}
-    for name, figure in make_figures(result, log, evaluation=found).items():
+    for name, figure in figures.items():
         svg = themed_svg(render(figure, "svg").decode(), name)
         if name == "map":
             svg = svg.replace("</svg>", f"{hover_layer(figure, result.landmarks)}</svg>")

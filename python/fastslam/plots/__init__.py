@@ -2,7 +2,7 @@
 
 from .comparison import comparison_figure
 from .consistency import consistency_figure, plot_coverage, plot_nees
-from .figures import make_figures, map_figure, render, write_figures
+from .figures import make_figures, map_figure, render, save_figures, write_figures
 from .health import plot_health, plot_innovations
 from .map import plot_map
 from .over_time import plot_effective_sample_size, plot_error_over_time, plot_latency, plot_latency_histogram
@@ -25,5 +25,6 @@ __all__ = [
     "plot_map",
     "plot_nees",
     "render",
+    "save_figures",
     "write_figures",
 ]

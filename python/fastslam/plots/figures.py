@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
+from matplotlib import rcParams
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from ..evaluation import Evaluation, evaluate_run
@@ -58,17 +62,32 @@ def write_figures(
 
     Errors: `DataError` where the folder cannot be written.
     """
-    figures = make_figures(result, log, evaluation=evaluation)
+    return save_figures(make_figures(result, log, evaluation=evaluation), folder)
+
+
+def save_figures(figures: Mapping[str, Figure], folder: Path | str) -> dict[str, Path]:
+    """Write figures that are made already as `<name>.png`; returns file name to path.
+
+    Errors: `DataError` where the folder cannot be written.
+    """
     names = {f"{name}.png": figure for name, figure in figures.items()}
     return {
         name: write_atomically(Path(folder) / name, render(figure, "png")) for name, figure in names.items()
     }
 
 
-def render(figure: Figure, image_format: str) -> bytes:
-    """A figure as bytes of a `png` or `svg` file; the same figure always gives the same bytes."""
-    metadata: dict[str, Any] = {"Date": None} if image_format == "svg" else {"Software": None}
+def render(figure: Figure, image_format: Literal["png", "svg"]) -> bytes:
+    """A figure as bytes of a `png` or `svg` file; figures that are made alike give the same bytes.
+
+    Where everything stands is settled by the first call. `Figure.savefig` would settle it
+    each time, and draw twice.
+    """
     buffer = io.BytesIO()
     with style.house_style():
-        figure.savefig(buffer, format=image_format, metadata=metadata)
+        figure.set_dpi(float(rcParams["savefig.dpi"]))
+        if image_format == "svg":
+            FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})  # type: ignore[no-untyped-call]
+        else:
+            FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})  # type: ignore[no-untyped-call]
+    figure.set_layout_engine("none")
     return buffer.getvalue()
