@@ -138,6 +138,14 @@ def pyfg(base: Path) -> Path:
     return base / "small.pyfg"
 
 
+def bag(base: Path) -> Path:
+    pytest.importorskip("rosbags", reason="the extra `bags` is not installed")
+    from test_bags import detections, mrpt, twists, write
+
+    base.mkdir(parents=True, exist_ok=True)
+    return write(base / "small", [*twists(), *detections(mrpt)])
+
+
 MAKERS: dict[str, Callable[[Path], Path]] = {
     "native": native,
     "utias": utias,
@@ -150,6 +158,7 @@ MAKERS: dict[str, Callable[[Path], Path]] = {
     "g2o": g2o,
     "toro": toro,
     "pyfg": pyfg,
+    "bag": bag,
 }
 
 

@@ -139,8 +139,7 @@ def test_folder_of_several_logs_lists_them(tmp_path: Path) -> None:
 def test_foreign_files_are_named_with_the_way_out(tmp_path: Path) -> None:
     for name, what in (
         ("a.rawlog", "an MRPT rawlog"),
-        ("a.bag", "a ROS bag"),
-        ("a.mcap", "an MCAP recording"),
+        ("a.pcap", "a packet capture"),
     ):
         (tmp_path / name).write_bytes(b"\x00\x01")
         with pytest.raises(DataError) as caught:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .options import Format, LogPath, Robot, Run
+from .options import Format, LogPath, Robot, Run, Topics, topics_named
 
 
 def convert_log(
@@ -17,6 +17,7 @@ def convert_log(
     format: Format = None,
     robot: Robot = None,
     run: Run = None,
+    topic: Topics = None,
 ) -> None:
     """Write a log in another format: native (a folder of tables), g2o (a graph) or tum (a path).
 
@@ -28,11 +29,12 @@ def convert_log(
       fastslam convert LOG my-log
       fastslam convert LOG graph.g2o
       fastslam convert LOG path.tum
+      fastslam convert drive.mcap my-log --topic odometry=/wheels
     """
     from ..conversion import convert, format_of
     from ..datasets.registry import load
 
-    log = load(path, format=format, robot=robot, run=run)
+    log = load(path, format=format, robot=robot, run=run, topics=topics_named(topic))
     written = convert(log, out, to=to)
     held = {
         "g2o": f"{len(log.sightings.stamp_s):,} sightings; no truth, fixes or scans",

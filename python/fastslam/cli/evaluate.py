@@ -92,6 +92,7 @@ def log_of(folder: Path, truth: Path | None, format: str | None, robot: int | No
         format=format or reference.format,
         robot=robot or reference.robot,
         run=run or reference.run,
+        topics=reference.topics,
     )
 
 

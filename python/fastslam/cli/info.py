@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..errors import DataError
 from .console import make_table, stdout
 from .encoding import print_json
-from .options import Format, LogPath, Robot, Run
+from .options import Format, LogPath, Robot, Run, Topics, topics_named
 
 if TYPE_CHECKING:
+    from ..datasets.bag_topics import Topic
     from ..datasets.info import Extent, LogInfo, StreamInfo
     from ..examination import Finding
 
@@ -22,27 +25,65 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, findi
 
 
 def info(
-    path: LogPath, format: Format = None, robot: Robot = None, run: Run = None, json: Json = False
+    path: LogPath,
+    format: Format = None,
+    robot: Robot = None,
+    run: Run = None,
+    topic: Topics = None,
+    json: Json = False,
 ) -> None:
     """Examine a log before any filter: what is in it, what was repaired, and what is visibly wrong with it.
+
+    Of a bag the topics are listed, with what each may serve for.
 
     \b
     Examples:
       fastslam info LOG
       fastslam info LOG --json
       fastslam info MRCLAM_Dataset1 --robot 2
+      fastslam info drive.mcap
     """
     from ..datasets.info import describe
     from ..datasets.registry import load
     from ..examination import examine
 
-    log = load(path, format=format, robot=robot, run=run)
+    topics = _topics(path)
+    if topics and not json:
+        _show_topics(topics)
+    try:
+        log = load(path, format=format, robot=robot, run=run, topics=topics_named(topic))
+    except DataError as error:
+        if not topics:
+            raise
+        # What cannot be run may be listed all the same.
+        if json:
+            print_json({"topics": [asdict(entry) for entry in topics], "fault": str(error)})
+        else:
+            stdout().print(f"no run: {error}", markup=False, highlight=False, soft_wrap=True)
+        return
     summary, findings = describe(log), examine(log)
     if json:
         facts = {**asdict(summary), "findings": [finding.to_dict() for finding in findings]}
+        if topics:
+            facts["topics"] = [asdict(entry) for entry in topics]
         print_json(facts)
     else:
         _show(summary, findings, log.notes)
+
+
+def _topics(path: Path) -> list[Topic]:
+    """Those of a bag; none where it is no bag."""
+    from ..datasets import bag
+
+    return bag.list_topics(path) if bag.matches(path) else []
+
+
+def _show_topics(topics: list[Topic]) -> None:
+    rows = [
+        (topic.name, topic.type, f"{topic.messages:,}", ", ".join(topic.uses) or "-", topic.holds)
+        for topic in topics
+    ]
+    stdout().print(make_table("topics", ("topic", "type", ">messages", "serves for", "holds"), rows))
 
 
 def _show(summary: LogInfo, findings: tuple[Finding, ...], notes: tuple[str, ...]) -> None:

@@ -11,14 +11,25 @@ from ..errors import ConfigError
 from .console import progress_bar, stderr, stdout
 from .encoding import print_json
 from .errors import RUN_FAILED
-from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings
+from .options import (
+    ConfigFile,
+    Format,
+    Json,
+    LogPath,
+    Robot,
+    Run,
+    Seed,
+    Settings,
+    StartPose,
+    StartStd,
+    Topics,
+    start_given,
+    topics_named,
+)
 from .output import LogReference, metrics_table
 
 if TYPE_CHECKING:
     from ..localisation import Localisation
-    from ..maps import StartLike
-
-ANYWHERE = "anywhere"
 
 
 def localize_log(
@@ -26,15 +37,8 @@ def localize_log(
     map: Annotated[
         Path, typer.Option("--map", metavar="MAP", help="The map: a folder, or a table of landmarks.")
     ],
-    start: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,HEADING|anywhere", help="Where the robot starts; as configured by default."
-        ),
-    ] = None,
-    start_std: Annotated[
-        str | None, typer.Option(metavar="X,Y,HEADING", help="Standard deviations of the start (m, m, rad).")
-    ] = None,
+    start: StartPose = None,
+    start_std: StartStd = None,
     extend: Annotated[
         bool,
         typer.Option(
@@ -44,6 +48,7 @@ def localize_log(
     format: Format = None,
     robot: Robot = None,
     run: Run = None,
+    topic: Topics = None,
     config: ConfigFile = None,
     settings: Settings = None,
     association: Annotated[
@@ -85,11 +90,13 @@ def localize_log(
     ]
     if map_out is not None and not extend:
         raise ConfigError("--map-out: only --extend changes a map")
-    begin = _start(start, start_std)
-    log, chart = load(path, format=format, robot=robot, run=run), Map.load(map)
+    begin = start_given(start, start_std)
+    topics = topics_named(topic)
+    log, chart = load(path, format=format, robot=robot, run=run, topics=topics), Map.load(map)
     with progress_bar(log.name) as advance:
         found = localize(log, chart, start=begin, config=merge(*layers), keep=not extend, progress=advance)
-    written = _written(found, log, LogReference(path, log.format, robot, run), out, report=not no_report)
+    reference = LogReference(path, log.format, robot, run, topics)
+    written = _written(found, log, reference, out, report=not no_report)
     if map_out is not None and found.result is not None:
         found.result.map.save(map_out)
     if json:
@@ -98,29 +105,6 @@ def localize_log(
         _show(found, written)
     if found.status == "searching":
         raise typer.Exit(RUN_FAILED)
-
-
-def _start(start: str | None, std: str | None) -> StartLike:
-    from ..maps import Anywhere, Start
-
-    if start == ANYWHERE:
-        if std is not None:
-            raise ConfigError("--start-std: a start anywhere has none")
-        return Anywhere()
-    if start is None:
-        if std is not None:
-            raise ConfigError("--start-std: say with --start where the robot starts")
-        return None
-    spread = _three("--start-std", std) if std is not None else (0.0, 0.0, 0.0)
-    return Start(*_three("--start", start), std=spread)
-
-
-def _three(option: str, text: str) -> tuple[float, float, float]:
-    try:
-        x_m, y_m, heading_rad = map(float, text.split(","))
-    except ValueError:
-        raise ConfigError(f"{option} {text}: expected three numbers (m, m, rad)") from None
-    return x_m, y_m, heading_rad
 
 
 def _written(

@@ -26,6 +26,7 @@ class LogReference:
     format: str
     robot: int | None = None
     run: int | None = None
+    topics: dict[str, str] | None = None
 
 
 def write_log_reference(folder: Path, reference: LogReference) -> None:
@@ -43,7 +44,9 @@ def read_log_reference(folder: Path) -> LogReference:
     path = folder / LOG_FILE
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
-        return LogReference(Path(facts["path"]), str(facts["format"]), facts["robot"], facts.get("run"))
+        return LogReference(
+            Path(facts["path"]), str(facts["format"]), facts["robot"], facts.get("run"), facts.get("topics")
+        )
     except FileNotFoundError:
         raise DataError("does not say which log was run: name one with --truth", folder) from None
     except (OSError, ValueError, KeyError, TypeError):

@@ -16,7 +16,19 @@ from ..timing import stage
 from .console import progress_bar, stderr, stdout
 from .encoding import print_json
 from .errors import RUN_FAILED
-from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings, Verbose
+from .options import (
+    ConfigFile,
+    Format,
+    Json,
+    LogPath,
+    Robot,
+    Run,
+    Seed,
+    Settings,
+    Topics,
+    Verbose,
+    topics_named,
+)
 from .output import LogReference, metrics_table, summary_table, write_log_reference
 from .times import times_shown
 from .tune import learned_into
@@ -69,6 +81,7 @@ def run_log(
     format: Format = None,
     robot: Robot = None,
     run: Run = None,
+    topic: Topics = None,
     config: ConfigFile = None,
     settings: Settings = None,
     association: Annotated[
@@ -111,6 +124,7 @@ def run_log(
       fastslam run LOG --runs 10 --seed 1 --out results/ten-seeds
       fastslam run LOG --out results/night --checkpoint-every 60 --resume
       fastslam run LOG --map-out yard.map
+      fastslam run drive.mcap --config car.yaml --topic odometry=/wheels --topic detections=/cones
     """
     from ..config import load_config, merge, parse_assignments
     from ..datasets.registry import load
@@ -123,17 +137,18 @@ def run_log(
         load_config(config) if config is not None else {},
         parse_assignments([*(settings or []), *given]),
     ]
+    topics = topics_named(topic)
     if resume and out is None:
         raise ConfigError("--resume: say with --out in which folder the run left its state")
     with times_shown(verbose):
         with stage("load"):
-            log = load(path, format=format, robot=robot, run=run)
+            log = load(path, format=format, robot=robot, run=run, topics=topics)
         configuration = configure(log, *layers)
         for problem in log.problems:
             stderr().print(f"note: {problem.message} ({problem.count:,})", markup=False, soft_wrap=True)
         with stage("examine"):
             findings = () if unexamined else _examined(log, configuration)
-        reference = LogReference(path, log.format, robot, run)
+        reference = LogReference(path, log.format, robot, run, topics)
         folder = prepare_folder(out)
         if auto:
             configuration = configure(log, *layers, learned_into(folder, log, merge(*layers), quiet=json))

@@ -15,6 +15,8 @@ class LoadOptions:
     """Number of the run in a folder of several."""
     max_range_m: float | None = None
     """Sightings beyond this are dropped while reading."""
+    topics: tuple[tuple[str, str], ...] | None = None
+    """Role and name of topics of a bag; the others are chosen by what they hold."""
 
     def given(self) -> tuple[str, ...]:
         """Names of the options that are set."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import DataError
 from ..log import Log
 from . import (
+    bag,
     car_park,
     city_trees,
     freiburg,
@@ -108,15 +109,19 @@ FORMATS: dict[str, DatasetFormat] = {
             pyfg.load,
             frozenset({"robot"}),
         ),
+        DatasetFormat(
+            "bag",
+            "ROS bag: of ROS 1, or of ROS 2 (sqlite3, MCAP); needs the extra `bags`",
+            bag.matches,
+            bag.load,
+            frozenset({"topics"}),
+        ),
     )
 }
 
 
 FOREIGN = {
     ".rawlog": "an MRPT rawlog",
-    ".bag": "a ROS bag",
-    ".db3": "a ROS 2 bag",
-    ".mcap": "an MCAP recording",
     ".mat": "a MATLAB file of unknown content",
     ".json": "a JSON file",
     ".pcap": "a packet capture",
@@ -136,18 +141,20 @@ def load(
     robot: int | None = None,
     run: int | None = None,
     max_range_m: float | None = None,
+    topics: Mapping[str, str] | None = None,
 ) -> Log:
     """Read a log; the format is guessed from the contents of `path` unless `format` names one of FORMATS.
 
-    `robot`, `run` and `max_range_m` are those of `LoadOptions`. Errors: DataError when the path does not
-    exist, no format fits, the format does not know an option, or a file is at fault. A folder that is no log
-    and holds exactly one below it stands for that one.
+    `robot`, `run`, `max_range_m` and `topics` (names by role) are those of `LoadOptions`. Errors: DataError
+    when the path does not exist, no format fits, the format does not know an option, or a file is at fault.
+    A folder that is no log and holds exactly one below it stands for that one.
     """
     path = Path(path)
     if not path.exists():
         raise DataError("does not exist", path)
     chosen, path = _guess(path) if format is None else (_by_name(format, path), path)
-    options = LoadOptions(robot=robot, run=run, max_range_m=max_range_m)
+    named = tuple(topics.items()) if topics else None
+    options = LoadOptions(robot=robot, run=run, max_range_m=max_range_m, topics=named)
     for option in options.given():
         if option not in chosen.options:
             raise DataError(f"logs of format {chosen.name} know no option {option}", path)
