@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ._given import shown
 from .errors import DataError
@@ -14,30 +14,52 @@ from .log import Floats
 from .result import LandmarkMap
 from .robot import Robot, Step
 
+if TYPE_CHECKING:
+    from .localisation import Mode
+
+SEARCHING = "searching"
+"""Health of a robot that is searched for in its map."""
+LEAST_PROBABILITY = 1e-3
+MOST_MODES = 20
+"""Places that are less likely, or more of them, are not told."""
 LONGEST_LINE = 1_000_000
 """Characters; a longer line is no event."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What is known at a moment: the pose at the newest row, its health, and which landmarks changed."""
+    """What is known at a moment: the pose at the newest row, its health, and which landmarks changed.
+
+    While the robot is searched for in its map, `health` is `searching`, there is no pose, and `modes` are the
+    places where it may be now.
+    """
 
     stamp_s: float
-    T_world_robot: Floats
-    covariance: Floats
+    T_world_robot: Floats | None
+    covariance: Floats | None
     health: str
     why: tuple[str, ...]
     changed: tuple[dict[str, Any], ...]
     """Landmarks that are new or have moved since the last estimate: name, x_m, y_m, standard deviations."""
     gone: tuple[str, ...]
+    modes: tuple[Mode, ...] = ()
 
     def to_line(self) -> str:
         """One JSON object, as `fastslam live` writes it."""
-        pose = [round(float(value), 6) for value in self.T_world_robot]
-        covariance = [float(f"{value:.6g}") for value in self.covariance.ravel()]
-        facts = {"t": self.stamp_s, "pose": pose, "cov": covariance, "health": self.health}
-        changes = {"changed": self.changed, "gone": self.gone}
-        return json.dumps({**facts, "why": self.why, "map": changes}, ensure_ascii=False)
+        facts: dict[str, Any] = {"t": self.stamp_s, "pose": None, "cov": None, "health": self.health}
+        if self.T_world_robot is not None and self.covariance is not None:
+            facts["pose"] = _rounded(self.T_world_robot)
+            facts["cov"] = [float(f"{value:.6g}") for value in self.covariance.ravel()]
+        facts |= {"why": self.why, "map": {"changed": self.changed, "gone": self.gone}}
+        if self.health == SEARCHING:
+            facts["modes"] = [
+                {"pose": _rounded(mode.T_map_robot), "p": round(mode.probability, 4)} for mode in self.modes
+            ]
+        return json.dumps(facts, ensure_ascii=False)
+
+
+def _rounded(pose: Floats) -> list[float]:
+    return [round(float(value), 6) for value in pose]
 
 
 @dataclass
@@ -80,7 +102,9 @@ class Session:
             raise DataError(self.faults.add(self.lines, str(error))) from None
         if steps:
             self.step = steps[-1]
-        if self.step is None or self.robot.pose[0] < self.told_s + 1.0 / self.rate_hz:
+        stamp_s = self.robot.stamp_s
+        known = self.step is not None or self.robot.searching
+        if stamp_s is None or not known or stamp_s < self.told_s + 1.0 / self.rate_hz:
             return None
         return self.estimate()
 
@@ -89,10 +113,13 @@ class Session:
         steps = self.robot.end()
         if steps:
             self.step = steps[-1]
-        return None if self.step is None else self.estimate()
+        known = self.step is not None or (self.robot.searching and self.robot.stamp_s is not None)
+        return self.estimate() if known else None
 
     def estimate(self) -> Estimate:
         """What is known now."""
+        if self.robot.searching:
+            return self._searching()
         stamp_s, mean, covariance = self.robot.pose
         changed, gone = self._map_changes(self.robot.landmarks)
         self.told_s = stamp_s
@@ -106,6 +133,12 @@ class Session:
             changed=tuple(changed),
             gone=gone,
         )
+
+    def _searching(self) -> Estimate:
+        """What is known of a robot that is searched for."""
+        self.told_s = self.robot.stamp_s or 0.0
+        likely = tuple(mode for mode in self.robot.modes if mode.probability >= LEAST_PROBABILITY)
+        return Estimate(self.told_s, None, None, SEARCHING, (), (), (), likely[:MOST_MODES])
 
     def _map_changes(self, landmarks: LandmarkMap) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
         """Landmarks that are new or moved by more than a centimetre since they were last told."""

@@ -104,11 +104,15 @@ def localize(
     if found.status == "searching":
         return found
     mode = found.modes[0]
+    return replace(found, result=run(log, config, map=used, start=start_of(mode), progress=progress))
+
+
+def start_of(mode: Mode) -> Start:
+    """A start at a place that was found."""
     # The pose is as sure as independent errors make it; those of a map are not independent.
     spread = 4.0 * mode.covariance + np.diag([0.05, 0.05, 0.01]) ** 2
     x_m, y_m, heading_rad = mode.T_map_robot.tolist()
-    begin = Start(x_m, y_m, heading_rad, covariance=0.5 * (spread + spread.T))
-    return replace(found, result=run(log, config, map=used, start=begin, progress=progress))
+    return Start(x_m, y_m, heading_rad, covariance=0.5 * (spread + spread.T))
 
 
 def find(log: Log, chart: Map, *, config: Layer | None = None) -> Localisation:
@@ -116,25 +120,43 @@ def find(log: Log, chart: Map, *, config: Layer | None = None) -> Localisation:
 
     The robot makes a map of its own, which grows until it fits into the map at one place alone.
     """
-    from .placement import odds_of, placements
-
     configuration = configure(log, config or {})
-    modes: tuple[Mode, ...] = ()
-    before: Mode | None = None
+    search = Search(chart, configuration)
     window_s = 0.0
     for window_s in _windows(log):
         local = run(_until(log, window_s), configuration)
-        ours, theirs = _constellations(local.landmarks, chart, configuration)
-        found = placements(ours, theirs, _view(local, log, configuration))
-        odds = odds_of(found)
-        modes = tuple(_mode(placed, float(p), configuration) for placed, p in zip(found, odds, strict=False))
-        best = modes[0] if modes else None
-        sure = best is not None and best.probability >= SURE and best.matched >= FEWEST_MATCHED
-        if sure and before is not None and best is not None and _are_same(best, before):
-            return Localisation("found", (best,), window_s, None)
-        before = best if sure else None
-    likely = tuple(mode for mode in modes if mode.probability >= _LISTED)
+        if search.look(local.landmarks, local.path.T_world_robot, log.sightings.range_m):
+            return Localisation("found", search.modes[:1], window_s, None)
+    likely = tuple(mode for mode in search.modes if mode.probability >= _LISTED)
     return Localisation("searching", likely, window_s, None)
+
+
+class Search:
+    """Where a robot with a map of its own is in one that was kept, asked again as its own map grows."""
+
+    def __init__(self, chart: Map, config: Config) -> None:
+        self._chart, self._config = chart, config
+        self._before: Mode | None = None
+        self.modes: tuple[Mode, ...] = ()
+        """Where it may have started, the likeliest first."""
+
+    def look(self, landmarks: LandmarkMap, T_world_robot: Floats, range_m: Floats) -> bool:
+        """Whether the first mode is sure now: it was so the last time too, at the same place.
+
+        Shapes: `T_world_robot` (T, 3) is the path so far in the robot's own map, `range_m` what was measured.
+        """
+        from .placement import odds_of, placements
+
+        ours, theirs = _constellations(landmarks, self._chart, self._config)
+        found = placements(ours, theirs, _view(T_world_robot, range_m, self._config))
+        odds = odds_of(found)
+        self.modes = tuple(
+            _mode(placed, float(p), self._config) for placed, p in zip(found, odds, strict=False)
+        )
+        best = self.modes[0] if self.modes else None
+        sure = best is not None and best.probability >= SURE and best.matched >= FEWEST_MATCHED
+        before, self._before = self._before, best if sure else None
+        return sure and before is not None and best is not None and _are_same(best, before)
 
 
 def _windows(log: Log) -> Iterator[float]:
@@ -241,12 +263,11 @@ def _sensor_variance_m2(config: Config) -> float:
     return float(0.25 * (sensor["range_std_m"] ** 2 + (5.0 * sensor["bearing_std_rad"]) ** 2))
 
 
-def _view(local: RunResult, log: Log, config: Config) -> View:
+def _view(T_world_robot: Floats, range_m: Floats, config: Config) -> View:
     from .placement import View
 
     mounting = config["sensor"]["mounting"]
-    poses = local.path.T_world_robot
-    poses = poses[np.linspace(0, len(poses) - 1, min(len(poses), 40)).astype(int)]
+    poses = T_world_robot[np.linspace(0, len(T_world_robot) - 1, min(len(T_world_robot), 40)).astype(int)]
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     sensors = np.column_stack(
         [
@@ -255,6 +276,6 @@ def _view(local: RunResult, log: Log, config: Config) -> View:
             poses[:, 2] + mounting["yaw_rad"],
         ]
     )
-    ranges = log.sightings.range_m[np.isfinite(log.sightings.range_m)]
+    ranges = range_m[np.isfinite(range_m)]
     reach_m = 0.7 * float(np.percentile(ranges, 90)) if len(ranges) else 0.0
     return View(sensors, reach_m, 0.45 * config["sensor"]["field_of_view_rad"])

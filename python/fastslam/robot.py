@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import threading
 from collections import ChainMap
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -29,10 +29,14 @@ from .filter import (
 )
 from .limits import stamp_fault
 from .log import Floats
+from .maps import Anywhere, Changes, Map, StartLike, changes, core_start
 from .result import LandmarkMap, Trajectory
+from .rows import Row
 from .settings import Layer
 
 if TYPE_CHECKING:
+    from .localisation import Mode
+    from .searching import RobotSearch
     from .watching import View
 
 
@@ -79,10 +83,22 @@ class Robot:
     are late, repeated or too far ahead are refused and counted, and so are scans that no particle can
     explain: see `counts`. `save` and `load` keep the whole state, the rows that wait included; pickle works.
 
+    With `map` it drives in a map that was kept, whose landmarks are what their roles say; with `start` from
+    a pose that is not known exactly (`fastslam.maps.Start`), or one of several. With `start=Anywhere()` it
+    makes a map of its own until that fits the kept one at one place alone: until then it is `searching`, no
+    steps are returned, `modes` says where it may be, and what needs a place in the map is a `DataError`.
+    Then the rows so far are taken anew from there, and their steps returned.
+
     Several threads may share one robot: each call sees it between two calls of the others.
 
-    Errors: `ConfigError` for the configuration, `DataError` for a window that is none.
+    Errors: `ConfigError` for the configuration, `DataError` for a window, map or start that is none.
     """
+
+    _chart: Map | None
+    _search: RobotSearch | None
+    _step: Step | None
+    _refused: dict[str, int]
+    """By streams before this one."""
 
     def __init__(
         self,
@@ -91,22 +107,53 @@ class Robot:
         identities: Literal["all", "some", "none"] = "some",
         window: Window | None = None,
         classes: Sequence[str] = (),
+        map: Map | Path | str | None = None,
+        start: StartLike = None,
     ) -> None:
         self.config = Config.resolve(config or {})
         chosen = window or Window()
+        chart = Map.load(map) if isinstance(map, Path | str) else map
+        self._kind = identities
+        self._window = (number("late_s", chosen.late_s), number("wait_s", chosen.wait_s), chosen.gap_s)
+        names: Sequence[str] = ()
+        if chart is not None:
+            _, names = chart.identities(())
+            classes = tuple(dict.fromkeys((*classes, *chart.landmarks.class_names)))
+        self._begin(self._fresh_stream(), names=names, classes=classes)
+        self._chart = chart
+        if isinstance(start, Anywhere):
+            self._begin_search()
+        else:
+            self._begin_in_map(start)
+
+    def _fresh_stream(self) -> _core.Stream:
         with core_errors():
-            stream = _core.Stream(
-                self.config.to_json(),
-                identities,
-                (number("late_s", chosen.late_s), number("wait_s", chosen.wait_s), chosen.gap_s),
-            )
-        self._begin(stream, classes=classes)
+            return _core.Stream(self.config.to_json(), self._kind, self._window)
+
+    def _begin_in_map(self, start: StartLike) -> None:
+        columns: _core._MapColumns | None = None
+        if self._chart is not None:
+            identity, _ = self._chart.identities(tuple(self._index_of))
+            columns = self._chart.core_columns(identity, tuple(self._index_of_class))
+        with core_errors():
+            self._stream.begin(columns, core_start(start))
+
+    def _begin_search(self) -> None:
+        from .searching import RobotSearch
+
+        if self._chart is None:
+            raise DataError("start: anywhere needs a map to be found in")
+        self._search = RobotSearch(self._chart, self.config)
 
     def _begin(self, stream: _core.Stream, *, names: Sequence[str] = (), classes: Sequence[str] = ()) -> None:
         self._stream = stream
         self._control_columns = _core.control_columns(self.config.to_json())
         self._index_of = {name: index for index, name in enumerate(names)}
         self._index_of_class = {name: index for index, name in enumerate(classes)}
+        self._chart = None
+        self._search = None
+        self._step = None
+        self._refused = {}
         self._unexplained = 0
         self._ended = False
         self._lock = threading.RLock()
@@ -122,7 +169,7 @@ class Robot:
         stated = None if covariance is None else _covariance(covariance)
         with self._lock:
             self._check_going_on()
-            return self._taken(lambda: self._stream.odometry(stamp, values, stated))[1]
+            return self._taken(Row("odometry", stamp, (values, stated)))[1]
 
     def sightings(
         self,
@@ -150,68 +197,108 @@ class Robot:
             )
             new_names = scan.new_names(self._index_of)
             columns = scan.columns(ChainMap(new_names, self._index_of))
-            became, steps = self._taken(lambda: self._stream.sightings(stamp, columns))
-            if became == "taken":
-                self._index_of.update(new_names)
-                self._index_of_class.update(new_classes)
-            return steps
+            names = (new_names, new_classes)
+            return self._taken(Row("sightings", stamp, columns), names)[1]
 
     def end(self) -> tuple[Step, ...]:
         """Takes the rows that still wait, and lets the filter learn what it can from the whole drive."""
         with self._lock:
             if self._ended:
                 return ()
-            _, steps = self._taken(self._stream.end)
+            found: tuple[Step, ...] = ()
+            if self._search is not None and self._search.rows:
+                found = self._searched(self._search)
+            with core_errors():
+                self._stream.end()
+            steps = (*found, *self._computed())
             self._stream.finish()
             self._ended = True
-            return steps
+            return () if self.searching else steps
+
+    @property
+    def searching(self) -> bool:
+        """Whether it is still looked for in its map."""
+        return self._search is not None
+
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """Where it may be while it is searched for, the likeliest first; none when that is settled."""
+        with self._lock:
+            if self._search is None:
+                return ()
+            with core_errors():
+                newest = self._stream.newest_pose()
+            return () if newest is None else self._search.now(newest[1])
+
+    @property
+    def stamp_s(self) -> float | None:
+        """Stamp of the newest row; None before the first."""
+        with self._lock, core_errors():
+            newest = self._stream.newest_pose()
+        return None if newest is None else newest[0]
+
+    @property
+    def last_step(self) -> Step | None:
+        """The last step that was computed; while it is `searching`, in the robot's own frame."""
+        with self._lock:
+            if self._step is None or self._search is None:
+                return self._step
+            return replace(self._step, info=replace(self._step.info, health="searching"))
 
     @property
     def pose(self) -> tuple[float, Floats, Floats]:
         """Stamp of the newest row, and the pose there: mean (3,) as x, y, heading, covariance (3, 3).
 
-        Before the first row that is 0 and the initial pose. Rows that wait for others are counted in.
+        Before the first row that is 0 and the start. Rows that wait for others are counted in.
+        Errors: `DataError` while it is `searching`.
         """
         with self._lock, core_errors():
+            self._check_found()
             newest = self._stream.newest_pose()
-        if newest is not None:
-            return newest
-        start = self.config["initial_pose"]
-        mean = np.array([start["x_m"], start["y_m"], start["heading_rad"]], dtype=np.float64)
-        return 0.0, mean, np.zeros((3, 3))
+            return (0.0, *self._stream.computed_pose()) if newest is None else newest
 
     @property
     def particles(self) -> tuple[Floats, Floats]:
         """Poses `T_world_robot` (M, 3) and normalised weights (M,), as far as steps were computed."""
         with self._lock:
+            self._check_found()
             return self._stream.particles()
 
     @property
     def landmarks(self) -> LandmarkMap:
         """The map; landmarks without an identity are named `L<birth number>`."""
         with self._lock:
-            return landmark_map(self._stream.map(), tuple(self._index_of), tuple(self._index_of_class))
+            self._check_found()
+            return landmark_map(self._stream.map(), *self._names())
+
+    @property
+    def changes(self) -> Changes | None:
+        """What it found otherwise than its map says; None without one."""
+        with self._lock:
+            self._check_found()
+            return None if self._chart is None else changes(self.landmarks, self._chart, self._stream.map())
 
     def view(self, step: Step) -> View:
         """What a page that watches draws: what is known now, with the last step that was computed."""
         from .watching import view_of
 
         with self._lock:
-            names = (tuple(self._index_of), tuple(self._index_of_class), ())
             fields = (step.stamp_s, step.T_world_robot, step.covariance, step.info)
-            return view_of(self._stream.view(), names, fields)
+            return view_of(self._stream.view(), self._names(), fields)
 
     @property
     def path(self) -> Trajectory:
         """The smoothed path with a pose at every step: that of `RunResult.smoothed`."""
         with self._lock:
+            self._check_found()
             return Trajectory(*self._stream.smoothed())
 
     @property
     def counts(self) -> dict[str, int]:
         """Rows refused as `late`, `repeated` or `ahead`, scans `unexplained`, and rows `waiting`."""
         with self._lock:
-            return {**self._stream.counts(), "unexplained": self._unexplained}
+            counts = {**self._stream.counts(), "unexplained": self._unexplained}
+            return {name: count + self._refused.get(name, 0) for name, count in counts.items()}
 
     def save(self, path: Path | str) -> Path:
         """Writes the robot to a file, which is the old one or the new one whatever happens meanwhile.
@@ -238,10 +325,20 @@ class Robot:
         return loaded
 
     def __getstate__(self) -> bytes:
+        from .searching import chart_to_json, note
+
         with self._lock:
-            names = {"names": list(self._index_of), "classes": list(self._index_of_class)}
-            note = {**names, "unexplained": self._unexplained, "ended": self._ended}
-            return self._stream.save(json.dumps(note))
+            kept = note(
+                names=list(self._index_of),
+                classes=list(self._index_of_class),
+                unexplained=self._unexplained,
+                ended=self._ended,
+                chart=None if self._chart is None else chart_to_json(self._chart),
+                search=None if self._search is None else self._search.to_json(),
+                stream=[self._kind, self._window],
+                refused=self._refused or None,
+            )
+            return self._stream.save(kept)
 
     def __setstate__(self, snapshot: bytes) -> None:
         with core_errors():
@@ -250,11 +347,63 @@ class Robot:
         self.config = Config.resolve(json.loads(config))
         self._begin(stream, names=kept["names"], classes=kept["classes"])
         self._unexplained, self._ended = kept["unexplained"], kept["ended"]
+        self._kind, self._window = "some", (0.0, 0.0, 0.0)
+        if "stream" in kept:
+            self._kind, self._window = kept["stream"][0], tuple(kept["stream"][1])
+        self._refused = kept.get("refused", {})
+        if "chart" in kept:
+            from .searching import chart_of_json, search_of_json
 
-    def _taken(self, put: Callable[[], str]) -> tuple[str, tuple[Step, ...]]:
-        """What became of a row, and the steps that it made possible."""
+            self._chart = chart_of_json(kept["chart"])
+            if "search" in kept:
+                self._search = search_of_json(kept["search"], self._chart, self.config)
+
+    def _names(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
+        """Of identities, of classes, and the ids of the map that it is in."""
+        in_map = self._chart is not None and self._search is None
+        chart_ids = self._chart.landmarks.ids if self._chart is not None and in_map else ()
+        return tuple(self._index_of), tuple(self._index_of_class), chart_ids
+
+    def _taken(
+        self, row: Row, names: tuple[dict[str, int], dict[str, int]] = ({}, {})
+    ) -> tuple[str, tuple[Step, ...]]:
+        """What became of a row, and the steps that it made possible; `names` are kept where it is taken."""
         with core_errors():
-            became = put()
+            became = row.put(self._stream)
+        if became == "taken":
+            self._index_of.update(names[0])
+            self._index_of_class.update(names[1])
+            if self._search is not None:
+                self._search.rows.append(row)
+        steps = self._computed()
+        if self._search is None:
+            return became, steps
+        due = self._step is not None and self._search.is_due(self._step.stamp_s)
+        return became, self._searched(self._search) if due else ()
+
+    def _searched(self, search: RobotSearch) -> tuple[Step, ...]:
+        """Looks for the robot; where it is found, takes the rows anew from there."""
+        start = search.look(self._stream, self._names()[:2])
+        if start is None and not search.has_given_up:
+            return ()
+        for name, count in self._stream.counts().items():
+            if name != "waiting":
+                self._refused[name] = self._refused.get(name, 0) + count
+        self._stream, self._step = self._fresh_stream(), None
+        if start is None:
+            self._begin_search()
+            return ()
+        self._search, self._unexplained = None, 0
+        self._begin_in_map(start)
+        steps: list[Step] = []
+        for row in search.rows:
+            with core_errors():
+                row.put(self._stream)
+            steps += self._computed()
+        return tuple(steps)
+
+    def _computed(self) -> tuple[Step, ...]:
+        """The steps that the rows so far allow."""
         steps: list[Step] = []
         while True:
             try:
@@ -265,9 +414,14 @@ class Robot:
                 self._unexplained += 1
                 continue
             if answer is None:
-                return became, tuple(steps)
+                self._step = steps[-1] if steps else self._step
+                return tuple(steps)
             (stamp_s, mean, covariance), fields = answer
             steps.append(Step(stamp_s, mean, covariance, step_info(fields, self.config)))
+
+    def _check_found(self) -> None:
+        if self._search is not None:
+            raise DataError("the robot is still searched for in its map: see `searching` and `modes`")
 
     def _class_index(
         self, class_name: Sequence[str | None] | None

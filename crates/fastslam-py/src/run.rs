@@ -169,7 +169,8 @@ pub fn run<'py>(
     to_dict(py, &output, &config)
 }
 
-fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyResult<Bound<'py, PyDict>> {
+/// The columns of a run by name.
+pub fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let steps = &output.steps;
     dict.set_item("steps", steps_to_dict(py, steps)?)?;

@@ -1,20 +1,23 @@
 //! The filter on a stream of rows.
 
 use crate::filter::{identities_named, Scan};
+use crate::given::{GivenMap, GivenStart};
 use crate::settings::{to_json, to_python};
 use crate::view::{hypotheses_to_arrays, map_to_dict, path_to_arrays, View};
-use crate::{config, noise, step};
+use crate::{config, given, noise, run, step};
 use fastslam_core::config::Config;
 use fastslam_core::error::Result;
 use fastslam_core::filter::PoseEstimate;
 use fastslam_core::geometry::Matrix3;
+use fastslam_core::run::RunOutput;
 use fastslam_core::stream::{StepRecord, Stream as Core, Taken, Window};
 use fastslam_core::timeline::{ControlRow, Row};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::exceptions::PySystemError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use std::sync::Mutex;
+use std::sync::{Mutex, MutexGuard};
+use std::time::Instant;
 
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
@@ -25,6 +28,8 @@ type StampedPose<'py> = (f64, Vector<'py>, Matrix<'py>);
 #[pyclass(frozen)]
 pub struct Stream {
     stream: Mutex<Core>,
+    /// The steps so far, where they are kept.
+    steps: Mutex<Option<Vec<StepRecord>>>,
     config: Config,
 }
 
@@ -32,6 +37,10 @@ impl Stream {
     fn locked<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Core) -> T + Send) -> PyResult<T> {
         py.detach(|| self.stream.lock().map(|mut stream| work(&mut stream)).ok())
             .ok_or_else(|| PySystemError::new_err("the stream failed in an earlier call and cannot go on"))
+    }
+
+    fn kept(&self) -> PyResult<MutexGuard<'_, Option<Vec<StepRecord>>>> {
+        self.steps.lock().map_err(|_| PySystemError::new_err("the stream failed in an earlier call"))
     }
 
     fn put(&self, py: Python<'_>, row: Row) -> PyResult<&'static str> {
@@ -60,7 +69,7 @@ impl Stream {
         let window = Window { late_s, wait_s, gap_s };
         window.validate().map_err(to_python)?;
         let stream = Core::new(config.clone(), identities_named(identities)?, window).map_err(to_python)?;
-        Ok(Self { stream: Mutex::new(stream), config })
+        Ok(Self { stream: Mutex::new(stream), steps: Mutex::default(), config })
     }
 
     /// The stream of a snapshot, its configuration as JSON, and the note that was kept with it.
@@ -68,7 +77,28 @@ impl Stream {
     fn load(py: Python<'_>, snapshot: &[u8]) -> PyResult<(Self, String, String)> {
         let (stream, note) = py.detach(|| Core::load(snapshot)).map_err(to_python)?;
         let config = stream.config().clone();
-        Ok((Self { stream: Mutex::new(stream), config: config.clone() }, to_json(&config)?, note))
+        let json = to_json(&config)?;
+        Ok((Self { stream: Mutex::new(stream), steps: Mutex::default(), config }, json, note))
+    }
+
+    /// Starts in a map, at a start: before anything else.
+    #[pyo3(signature = (map=None, start=None))]
+    fn begin(&self, py: Python<'_>, map: Option<GivenMap<'_>>, start: Option<GivenStart<'_>>) -> PyResult<()> {
+        let beginning = given::beginning(map, start)?;
+        self.locked(py, |stream| stream.begin(&beginning))?.map_err(to_python)
+    }
+
+    /// From here on the steps are kept, for `output`.
+    fn keep_steps(&self) -> PyResult<()> {
+        self.kept()?.get_or_insert_default();
+        Ok(())
+    }
+
+    /// What it has come to, as `run` returns it; the steps are those that were kept.
+    fn output<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let steps = self.kept()?.clone().unwrap_or_default();
+        let output = self.locked(py, |stream| RunOutput::of(stream, steps))?;
+        run::to_dict(py, &output, &self.config)
     }
 
     fn save<'py>(&self, py: Python<'py>, note: &str) -> PyResult<Bound<'py, PyBytes>> {
@@ -101,8 +131,13 @@ impl Stream {
 
     /// The next step that the rows allow: its stamp, pose, covariance and fields; none where more must come.
     fn step<'py>(&self, py: Python<'py>) -> PyResult<Option<(StampedPose<'py>, Bound<'py, PyDict>)>> {
+        let begun = Instant::now();
         let record = self.locked(py, Core::step)?.map_err(to_python)?;
-        let Some(StepRecord { stamp_s, pose, info, .. }) = record else { return Ok(None) };
+        let Some(record) = record else { return Ok(None) };
+        if let Some(steps) = self.kept()?.as_mut() {
+            steps.push(StepRecord { latency_s: begun.elapsed().as_secs_f64(), ..record });
+        }
+        let StepRecord { stamp_s, pose, info, .. } = record;
         let dict = PyDict::new(py);
         step::set_values(&dict, &info)?;
         dict.set_item("warnings", noise::warnings(py, &info.noise_warnings, &self.config.motion)?)?;
@@ -117,6 +152,13 @@ impl Stream {
     fn newest_pose<'py>(&self, py: Python<'py>) -> PyResult<Option<StampedPose<'py>>> {
         let newest = self.locked(py, |stream| stream.newest_pose())?.map_err(to_python)?;
         newest.map(|(stamp_s, pose)| pose_to_arrays(py, stamp_s, &pose)).transpose()
+    }
+
+    /// Mean and covariance of the pose as far as it is computed.
+    fn computed_pose<'py>(&self, py: Python<'py>) -> PyResult<(Vector<'py>, Matrix<'py>)> {
+        let pose = self.locked(py, |stream| stream.filter().pose())?;
+        let (_, mean, covariance) = pose_to_arrays(py, 0.0, &pose)?;
+        Ok((mean, covariance))
     }
 
     /// Poses (M, 3) and normalised weights (M) of the particles.

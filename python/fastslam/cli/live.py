@@ -15,7 +15,7 @@ import typer
 from .._entry import INTERRUPTED
 from ..errors import ConfigError, DataError
 from .console import stderr
-from .options import ConfigFile, Settings
+from .options import ConfigFile, Settings, StartPose, StartStd, start_given
 from .watch import DEFAULT_PORT, Watching, WatchPort, watched
 
 if TYPE_CHECKING:
@@ -31,6 +31,9 @@ class Known(str, Enum):
     none = "none"
 
 
+InMap = Annotated[
+    Path | None, typer.Option("--map", metavar="MAP", help="A map that was kept: a folder, or a table.")
+]
 Names = Annotated[Known, typer.Option(help="Which sightings name their landmark.")]
 Classes = Annotated[str, typer.Option(metavar="A,B,..", help="Names of the classes, in order.")]
 State = Annotated[
@@ -48,6 +51,9 @@ def live_stream(
     rate_hz: Annotated[float, typer.Option(metavar="HZ", help="Estimates per second of the stamps.")] = 20.0,
     identities: Names = Known.some,
     classes: Classes = "",
+    map: InMap = None,
+    start: StartPose = None,
+    start_std: StartStd = None,
     checkpoint: State = None,
     watch: Watching = False,
     watch_port: WatchPort = DEFAULT_PORT,
@@ -61,24 +67,35 @@ def live_stream(
     tcp:PORT listens on this machine only, and ends when the sender closes. The end of the input, Ctrl-C and
     SIGTERM keep the state in --checkpoint, from which the same command goes on.
 
+    With --map the robot drives in a map that was kept, whose landmarks are what their roles say. With
+    --start anywhere it is searched for there: until one place is sure, health is `searching`, there is no
+    pose, and `modes` are the places that are likely.
+
     --watch serves a page on this machine that draws what is known; it can hold its picture, not the robot.
 
     \b
     Examples:
       fastslam live --config car.yaml < events.jsonl
       fastslam live --config car.yaml --in tcp:9000 --checkpoint state.fslam
+      fastslam live --config car.yaml --map lap-1.map --start 3,2,0.5 --start-std 0.5,0.5,0.1
     """
     from ..config import load_config, merge, parse_assignments
     from ..live import session_of
     from ..robot import Robot, Window
 
     layers = [load_config(config) if config is not None else {}, parse_assignments(settings or [])]
+    begin = start_given(start, start_std)
     if checkpoint is not None and checkpoint.exists():
         robot = Robot.load(checkpoint)
     else:
-        named = tuple(name.strip() for name in classes.split(",") if name.strip())
-        window = Window(late_s=late_s)
-        robot = Robot(merge(*layers), identities=identities.value, window=window, classes=named)
+        robot = Robot(
+            merge(*layers),
+            identities=identities.value,
+            window=Window(late_s=late_s),
+            classes=tuple(name.strip() for name in classes.split(",") if name.strip()),
+            map=map,
+            start=begin,
+        )
     session = session_of(robot, rate_hz=rate_hz)
     interrupted = False
     with watched("live", robot.config, port=watch_port if watch else None, kind="live") as watcher:
@@ -88,8 +105,8 @@ def live_stream(
         except KeyboardInterrupt:
             interrupted = True
         _finish(session, checkpoint)
-        if watcher is not None and session.step is not None:
-            watcher.show(robot.view(session.step))
+        if watcher is not None and robot.last_step is not None:
+            watcher.show(robot.view(robot.last_step))
     if interrupted:
         stderr().print("interrupted: the state was kept" if checkpoint else "interrupted")
         raise typer.Exit(INTERRUPTED)
@@ -105,8 +122,8 @@ def _pump(session: Session, lines: Iterator[str], watcher: Watcher | None) -> No
             continue
         if estimate is not None:
             _write(estimate.to_line())
-        if watcher is not None and session.step is not None and watcher.is_due():
-            watcher.show(session.robot.view(session.step))
+        if watcher is not None and session.robot.last_step is not None and watcher.is_due():
+            watcher.show(session.robot.view(session.robot.last_step))
 
 
 def _finish(session: Session, checkpoint: Path | None) -> None:

@@ -149,16 +149,24 @@ impl<'a> Run<'a> {
     }
 
     fn output(mut self, finishing_s: f64) -> RunOutput {
-        let filter = self.stream.filter();
+        let filter_seconds = self.steps.iter().map(|s| s.latency_s).sum::<f64>() + finishing_s;
+        RunOutput { filter_seconds, ..RunOutput::of(&mut self.stream, self.steps) }
+    }
+}
+
+impl RunOutput {
+    /// What a stream has come to in these steps.
+    pub fn of(stream: &mut Stream, steps: Vec<StepRecord>) -> Self {
+        let filter = stream.filter();
         let (map, usage) = (filter.map(), filter.usage());
         let (noise, two_places, returns) = (filter.noise_report(), filter.two_places(), filter.returns());
-        RunOutput {
-            filter_seconds: self.steps.iter().map(|s| s.latency_s).sum::<f64>() + finishing_s,
-            steps: self.steps,
-            smoothed: self.stream.smoothed(),
+        Self {
+            filter_seconds: steps.iter().map(|s| s.latency_s).sum::<f64>(),
+            steps,
+            smoothed: stream.smoothed(),
             map,
-            skipped: self.stream.skipped(),
-            repaired: self.stream.repaired(),
+            skipped: stream.skipped(),
+            repaired: stream.repaired(),
             noise,
             two_places,
             returns,

@@ -7,6 +7,7 @@ use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::filter::{Identities, PoseEstimate};
 use crate::geometry::Pose;
+use crate::given::Beginning;
 use crate::motion::MotionGaussian;
 use crate::sighting::{Sighting, Skipped};
 use crate::slam::{self, Slam};
@@ -74,6 +75,13 @@ impl Stream {
         Ok(Self { config, identities, filter, timeline, intake, tally, since })
     }
 
+    /// Starts in a given map, at a given pose: before anything else.
+    ///
+    /// **Errors:** those of [`Slam::begin`].
+    pub fn begin(&mut self, beginning: &Beginning) -> Result<()> {
+        self.filter.begin(beginning)
+    }
+
     /// Takes a row; what follows from it is computed by [`Stream::step`].
     ///
     /// **Errors:** a row whose numbers are none, or a class that is not configured; nothing has changed then.
@@ -135,8 +143,7 @@ impl Stream {
     /// The pose at the newest row, with its stamp in seconds: where the rows that still wait lead from what is
     /// computed. None before the first row.
     pub fn newest_pose(&self) -> Result<Option<(f64, PoseEstimate)>> {
-        let start = PoseEstimate { mean: self.config.initial_pose.T_world_robot(), ..PoseEstimate::default() };
-        let pose = if self.tally.path_steps.is_empty() { start } else { self.filter.pose() };
+        let pose = self.filter.pose();
         let (mut ahead, mut motion) = (self.timeline.clone(), self.since);
         ahead.put(Row::End);
         for event in ahead.by_ref() {

@@ -1,0 +1,205 @@
+"""A robot on a live stream in a map that was kept: from a known start, or from anywhere."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fastslam import Anywhere, Map, Start, run
+from fastslam.errors import DataError
+from fastslam.live import live
+from fastslam.log import Log
+from fastslam.robot import Robot, Step
+from fastslam.simulation import simulate
+
+UNKNOWN = {"association": {"mode": "unknown"}, "filter": {"particles": 30}}
+WORLD = {"seed": 5, "world": {"count": 30}, "max_duration_s": 40.0}
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return anonymous(simulate(WORLD))
+
+
+def anonymous(log: Log) -> Log:
+    """The log without the names of landmarks."""
+    nobody = np.full(len(log.sightings.stamp_s), -1, dtype=np.int64)
+    return replace(log, sightings=replace(log.sightings, identity=nobody), identity_names=())
+
+
+@pytest.fixture(scope="module")
+def chart(log: Log) -> Map:
+    return run(log, {**UNKNOWN, "seed": 9}).map
+
+
+def events(log: Log) -> list[str]:
+    rows = [
+        (float(stamp), json.dumps({"t": float(stamp), "odom": values.tolist()}))
+        for stamp, values in zip(log.controls.stamp_s, log.controls.values, strict=True)
+    ]
+    seen = log.sightings
+    for stamp in np.unique(seen.stamp_s):
+        at = np.flatnonzero(seen.stamp_s == stamp)
+        see = [[float(seen.range_m[i]), float(seen.bearing_rad[i])] for i in at]
+        rows.append((float(stamp), json.dumps({"t": float(stamp), "see": see})))
+    return [line for _, line in sorted(rows, key=lambda row: row[0])]
+
+
+def driven(robot: Robot, log: Log, *, until_s: float = math.inf) -> list[Step]:
+    """The steps of a robot that is told a log."""
+    steps: list[Step] = []
+    rows = [(float(stamp), 0, row) for row, stamp in enumerate(log.controls.stamp_s)]
+    rows += [(float(stamp), 1, 0) for stamp in np.unique(log.sightings.stamp_s)]
+    for stamp_s, kind, row in sorted(rows):
+        if stamp_s > until_s:
+            return steps
+        if kind == 0:
+            steps += robot.odometry(stamp_s, log.controls.values[row])
+            continue
+        at = log.sightings.stamp_s == stamp_s
+        seen = log.sightings
+        steps += robot.sightings(stamp_s, range_m=seen.range_m[at], bearing_rad=seen.bearing_rad[at])
+    return [*steps, *robot.end()]
+
+
+def configured(log: Log) -> dict[str, object]:
+    from fastslam.runner import configure
+
+    return dict(configure(log, UNKNOWN))
+
+
+def test_a_robot_in_a_map_gives_the_bits_of_a_run_in_it(log: Log, chart: Map) -> None:
+    start = Start(0.1, -0.1, 0.02, std=(0.2, 0.2, 0.05))
+    fixed = chart.with_role("fixed")
+    result = run(log, UNKNOWN, map=fixed, start=start)
+    robot = Robot(configured(log), identities="none", map=fixed, start=start)
+    stamp_s, mean, covariance = robot.pose
+    assert stamp_s == 0.0 and np.hypot(*(mean[:2] - [0.1, -0.1])) < 0.2
+    assert 0.1 < math.sqrt(covariance[0, 0]) < 0.3
+    assert robot.landmarks.ids == chart.landmarks.ids
+    steps = driven(robot, log)
+    np.testing.assert_array_equal([s.T_world_robot for s in steps], result.trajectory.T_world_robot)
+    np.testing.assert_array_equal(robot.landmarks.mean_m, result.landmarks.mean_m)
+    assert robot.landmarks.ids == result.landmarks.ids and robot.changes == result.changes
+    # Fixed ones have not moved, and nothing stands twice.
+    np.testing.assert_allclose(robot.landmarks.mean_m[: len(chart.role)], chart.landmarks.mean_m, atol=1e-9)
+    again = pickle.loads(pickle.dumps(robot))
+    assert again.landmarks.ids == robot.landmarks.ids and again.changes == robot.changes
+
+
+def test_a_robot_finds_itself_and_is_silent_until_then(log: Log, chart: Map) -> None:
+    # The log starts at the origin of its own frame; the map is kept in another one.
+    moved = moved_map(chart, 20.0, -7.0, 2.0)
+    robot = Robot(configured(log), identities="none", map=moved.with_role("fixed"), start=Anywhere())
+    half = driven(robot, log, until_s=4.0)
+    assert half == [] and robot.searching and robot.modes == ()
+    for needs_a_place in ("pose", "landmarks", "path", "particles", "changes"):
+        with pytest.raises(DataError, match="still searched for"):
+            getattr(robot, needs_a_place)
+    assert robot.last_step is not None and robot.last_step.info.health == "searching"
+    # What it knows of itself is kept.
+    for one in (robot, pickle.loads(pickle.dumps(robot))):
+        steps = driven(one, later(log, 4.0))
+        assert not one.searching and one.modes == ()
+        assert steps[0].stamp_s < 1.0, "the way so far is driven anew in the map"
+        truth = log.truth_trajectory
+        assert truth is not None
+        true = in_frame(truth.T_world_robot[-1], 20.0, -7.0, 2.0)
+        assert np.hypot(*(one.pose[1][:2] - true[:2])) < 0.5
+        assert abs(math.remainder(one.pose[1][2] - true[2], 2 * math.pi)) < 0.1
+        assert one.landmarks.ids[: len(moved.role)] == moved.landmarks.ids
+
+
+def test_in_another_map_it_goes_on_searching(log: Log) -> None:
+    other = run(simulate({**WORLD, "seed": 77, "max_duration_s": 15.0}), UNKNOWN).map
+    robot = Robot(configured(log), identities="none", map=other, start=Anywhere())
+    assert driven(robot, log, until_s=11.0) == [] and robot.searching
+    assert all(mode.probability < 0.999 for mode in robot.modes)
+
+
+def test_a_symmetric_map_keeps_both_places() -> None:
+    here = np.array([[2.0, 1.0], [4.0, -1.5], [6.0, 2.0], [3.0, 3.0], [5.0, -3.0]])
+    places = {f"a{k}": tuple(place) for k, place in enumerate(here)}
+    places |= {f"b{k}": (-x, -y) for k, (x, y) in enumerate(here)}
+    robot = Robot(UNKNOWN, identities="none", map=Map.at(places, std_m=0.05), start=Anywhere())
+    for number in range(120):
+        robot.odometry(0.1 * number, [0.2, 0.0])
+        offset = here - [0.02 * number, 0.0]
+        robot.sightings(
+            0.1 * number, range_m=np.hypot(*offset.T), bearing_rad=np.arctan2(offset[:, 1], offset[:, 0])
+        )
+    assert robot.searching and len(robot.modes) >= 2
+    first, second = robot.modes[:2]
+    assert first.probability == pytest.approx(second.probability, abs=0.02)
+    np.testing.assert_allclose(first.T_map_robot[:2], -second.T_map_robot[:2], atol=0.05)
+    assert abs(first.T_map_robot[0]) == pytest.approx(0.02 * 119, abs=0.1)
+
+
+def test_lines_say_searching_and_where_it_may_be(log: Log, chart: Map) -> None:
+    robot = Robot(configured(log), identities="none", map=chart, start=Anywhere())
+    told = [json.loads(estimate.to_line()) for estimate in live(events(log), robot, rate_hz=5.0)]
+    searching = [one for one in told if one["health"] == "searching"]
+    assert len(searching) > 20 and all(one["pose"] is None and one["cov"] is None for one in searching)
+    assert any(one["modes"] for one in searching)
+    found = told[len(searching) :]
+    assert found and all(len(one["pose"]) == 3 and "modes" not in one for one in found)
+
+
+def test_anywhere_without_a_map_is_refused() -> None:
+    with pytest.raises(DataError, match="needs a map"):
+        Robot(start=Anywhere())
+
+
+def test_live_drives_in_a_map_that_is_named(log: Log, chart: Map, tmp_path: Path) -> None:
+    folder = chart.with_role("fixed").save(tmp_path / "lap-1.map")
+    config = tmp_path / "robot.yaml"
+    config.write_text(json.dumps(configured(log)))
+    options = ["--config", config, "--identities", "none", "--map", folder, "--start", "0.1,0,0"]
+    done = subprocess.run(
+        [sys.executable, "-m", "fastslam", "live", *map(str, options), "--start-std", "0.2,0.2,0.05"],
+        input="\n".join(events(log)),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    start = Start(0.1, 0.0, 0.0, std=(0.2, 0.2, 0.05))
+    robot = Robot(configured(log), identities="none", map=folder, start=start)
+    assert done.stdout.splitlines() == [estimate.to_line() for estimate in live(events(log), robot)]
+    told = json.loads(done.stdout.splitlines()[0])
+    assert {entry["id"] for entry in told["map"]["changed"]} >= set(chart.landmarks.ids)
+
+
+def in_frame(pose: np.ndarray, x_m: float, y_m: float, turn_rad: float) -> np.ndarray:
+    cosine, sine = math.cos(turn_rad), math.sin(turn_rad)
+    x, y = pose[:2]
+    return np.array([x_m + cosine * x - sine * y, y_m + sine * x + cosine * y, pose[2] + turn_rad])
+
+
+def moved_map(chart: Map, x_m: float, y_m: float, turn_rad: float) -> Map:
+    rotation = np.array([[math.cos(turn_rad), -math.sin(turn_rad)], [math.sin(turn_rad), math.cos(turn_rad)]])
+    landmarks = chart.landmarks
+    return replace(
+        chart,
+        landmarks=replace(
+            landmarks,
+            mean_m=landmarks.mean_m @ rotation.T + [x_m, y_m],
+            covariance_m2=rotation @ landmarks.covariance_m2 @ rotation.T,
+        ),
+    )
+
+
+def later(log: Log, begin_s: float) -> Log:
+    def rows(columns: object) -> object:
+        kept = columns.stamp_s > begin_s  # type: ignore[attr-defined]
+        fields = {name: None if value is None else value[kept] for name, value in vars(columns).items()}
+        return replace(columns, **fields)  # type: ignore[type-var]
+
+    return replace(log, controls=rows(log.controls), sightings=rows(log.sightings))  # type: ignore[arg-type]
