@@ -16,6 +16,7 @@ from fastslam.config import Config, load_config, merge
 from fastslam.datasets import load, write_native
 from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation import evaluate
+from fastslam.localisation import between
 from fastslam.log import Log
 from fastslam.result import RunResult
 from fastslam.runner import run
@@ -199,7 +200,9 @@ def test_the_lever_arm_of_lost_in_the_woods_is_found(data_dir: Path) -> None:
 
 
 def test_the_range_scale_of_a_camera_is_found_and_its_map_gets_better(data_dir: Path) -> None:
-    log = load(data_dir / "utias_mrclam" / "MRCLAM_Dataset2", robot=5)
+    whole = load(data_dir / "utias_mrclam" / "MRCLAM_Dataset2", robot=5)
+    # Twelve of its 34 minutes, with 4,508 of the sightings.
+    log = between(whole, -np.inf, whole.controls.stamp_s[0] + 700.0)
     few = {"filter": {"particles": 30}}
     found = calibrate(log, {**few, "seed": 1}, reference="survey")
     # A batch solution with given identities finds its map 0.6 to 3.1 % too large: its ranges read too short.
@@ -209,7 +212,7 @@ def test_the_range_scale_of_a_camera_is_found_and_its_map_gets_better(data_dir: 
         runs = [run(log, merge(few, config, {"seed": seed})) for seed in (1, 2, 3)]
         return float(np.median([evaluate(result, log)["landmark_rmse_m"] for result in runs]))
 
-    assert map_error_m(found.settings) < 0.8 * map_error_m({})
+    assert map_error_m(found.settings) < 0.6 * map_error_m({})
 
 
 def test_a_lost_run_is_refused_and_what_explains_the_log_worse_is_not_kept(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import fastslam
 import numpy as np
 import pytest
 from doc_pages import ROOT
@@ -17,29 +18,48 @@ def cells(text: str) -> list[str]:
     return [cell for cell in found if not cell.startswith(" [markdown]")]
 
 
-@pytest.fixture(scope="module")
-def paper() -> dict[str, Any]:
-    """The names that the notebook leaves, and under `shown` what its cells end with."""
-    text = (ROOT / "examples" / "notebooks" / "paper.py").read_text(encoding="utf-8")
-    assert "SEEDS = range(1, 13)" in text
+def run_cells(name: str, *, few: tuple[str, str] = ("", "")) -> dict[str, Any]:
+    """The names that a notebook leaves, and under `shown` what its cells end with.
+
+    `few` is a line of it, and what stands there instead, so that it takes less time.
+    """
+    text = (ROOT / "examples" / "notebooks" / name).read_text(encoding="utf-8")
+    assert few[0] in text
     names: dict[str, Any] = {"__name__": "__main__", "shown": []}
-    for cell in cells(text.replace("SEEDS = range(1, 13)", "SEEDS = range(1, 4)")):
+    for cell in cells(text.replace(*few)):
         body, _, last = f"pass\n{cell.strip()}".rpartition("\n")
         if last.isidentifier() or last.startswith("map_figure("):
-            exec(compile(body, "paper.py", "exec"), names)
+            exec(compile(body, name, "exec"), names)
             names["shown"].append(eval(last, names))
         else:
-            exec(compile(f"{body}\n{last}", "paper.py", "exec"), names)
+            exec(compile(f"{body}\n{last}", name, "exec"), names)
     return names
 
 
-def test_there_is_one_notebook() -> None:
-    assert [path.name for path in NOTEBOOKS] == ["paper.py"]
+@pytest.fixture(scope="module")
+def paper() -> dict[str, Any]:
+    return run_cells("paper.py", few=("SEEDS = range(1, 13)", "SEEDS = range(1, 4)"))
 
 
-def test_cells_end_with_what_shows_itself(paper: dict[str, Any]) -> None:
-    assert len(paper["shown"]) == 7
-    assert all(hasattr(item, "_repr_html_") or hasattr(item, "_repr_png_") for item in paper["shown"])
+@pytest.fixture(scope="module")
+def own_log() -> dict[str, Any]:
+    return run_cells("own_log.py")
+
+
+@pytest.fixture(scope="module")
+def compare_filters() -> dict[str, Any]:
+    return run_cells("compare_filters.py", few=("SEEDS = range(1, 6)", "SEEDS = range(1, 3)"))
+
+
+@pytest.mark.parametrize(("notebook", "count"), [("paper", 6), ("own_log", 3), ("compare_filters", 2)])
+def test_cells_end_with_what_shows_itself(notebook: str, count: int, request: pytest.FixtureRequest) -> None:
+    shown = request.getfixturevalue(notebook)["shown"]
+    assert len(shown) == count
+    assert all(hasattr(item, "_repr_html_") or hasattr(item, "_repr_png_") for item in shown)
+
+
+def test_every_notebook_is_run() -> None:
+    assert [path.name for path in NOTEBOOKS] == ["compare_filters.py", "own_log.py", "paper.py"]
 
 
 def test_the_paper_in_small(paper: dict[str, Any]) -> None:
@@ -50,7 +70,19 @@ def test_the_paper_in_small(paper: dict[str, Any]) -> None:
     assert len(paper["robot_by_count"]) == 3
 
 
-def test_the_log_of_ones_own(paper: dict[str, Any]) -> None:
-    found_m = paper["own"].landmarks.mean_m
-    off_m = np.linalg.norm(found_m[:, None] - paper["posts_m"][None], axis=-1).min(axis=1)
+def test_the_log_of_ones_own(own_log: dict[str, Any]) -> None:
+    found_m = own_log["result"].landmarks.mean_m
+    off_m = np.linalg.norm(found_m[:, None] - own_log["posts_m"][None], axis=-1).min(axis=1)
     assert len(found_m) == 5 and off_m.max() < 0.3
+    assert own_log["findings"] == () and own_log["diagnosis"].suspected == ()
+    assert len(fastslam.Map.load(own_log["FOLDER"] / "map").role) == 5
+
+
+def test_the_filters_compared(compare_filters: dict[str, Any]) -> None:
+    scores = compare_filters["scores"]
+    assert len(scores) == 6
+    for (mode, _), found in scores.items():
+        assert 0.0 < np.median(found["map [m]"]) < 0.5
+        assert mode == "unknown" or found["landmarks"] == scores["known", "EKF-SLAM"]["landmarks"] * len(
+            found["landmarks"]
+        )

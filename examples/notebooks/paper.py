@@ -9,8 +9,8 @@
 # %% [markdown]
 # # The FastSLAM paper in one notebook
 #
-# Montemerlo, Thrun, Koller and Wegbreit (AAAI 2002), remade small enough to run in seconds; then the filters
-# side by side, and a log of your own. This file is plain Python: open it with Jupytext, or run it.
+# Montemerlo, Thrun, Koller and Wegbreit (AAAI 2002), remade small enough to run in seconds. This file
+# is plain Python: open it with Jupytext, or run it. `own_log.py` and `compare_filters.py` beside it go on.
 # `fastslam reproduce all` makes the figures at full size; `docs/paper-claims.md` has what came out.
 #
 # Make `SEEDS` and `PARTICLES` larger for smoother curves.
@@ -18,7 +18,6 @@
 # %%
 import fastslam
 import numpy as np
-from fastslam import Log
 from fastslam.evaluation import evaluate, summarize
 from fastslam.plots import house_style, map_figure, new_figure
 from fastslam.simulation import resolve_simulation, simulate
@@ -137,37 +136,3 @@ with house_style():
     axis.axhline(map_error_m["ekf"][0], color="black", linestyle="--", label="EKF-SLAM")
     axis.legend()
 figure_6b
-
-# %% [markdown]
-# ## A log of your own
-#
-# Arrays in, a map out. `Log.from_dataframe` takes data frames with names and units of yours
-# (`docs/python.md`). Replace these arrays.
-
-# %%
-rng = np.random.default_rng(7)
-posts_m = np.array([[6.0, 2.0], [2.0, 7.0], [-3.0, 3.0], [-1.0, 9.0], [4.5, 5.5]])
-odometry_s = np.arange(0.0, 50.0, 0.1)
-controls = np.column_stack(
-    [1.0 + rng.normal(0.0, 0.05, odometry_s.shape), 0.2 + rng.normal(0.0, 0.02, odometry_s.shape)]
-)
-scan_s = np.repeat(np.arange(0.5, 50.0, 0.5), len(posts_m))
-heading_rad = 0.2 * scan_s
-robot_m = 5.0 * np.column_stack([np.sin(heading_rad), 1.0 - np.cos(heading_rad)])
-offset_m = np.tile(posts_m, (len(scan_s) // len(posts_m), 1)) - robot_m
-range_m = np.hypot(*offset_m.T) + rng.normal(0.0, 0.05, scan_s.shape)
-bearing_rad = np.arctan2(offset_m[:, 1], offset_m[:, 0]) - heading_rad + rng.normal(0.0, 0.02, scan_s.shape)
-bearing_rad = np.arctan2(np.sin(bearing_rad), np.cos(bearing_rad))
-
-mine = Log.from_arrays(
-    (odometry_s, controls),
-    (scan_s, range_m, bearing_rad),
-    config={
-        "motion": {"model": "velocity", "speed_std_m_per_s": 0.1, "yaw_rate_std_rad_per_s": 0.05},
-        "sensor": {"model": "range_bearing", "range_std_m": 0.05, "bearing_std_rad": 0.02},
-        "association": {"mode": "unknown"},
-    },
-    name="mine",
-)
-own = fastslam.run(mine, {"filter": {"particles": 30}, "seed": 1})
-own

@@ -41,8 +41,8 @@ const LESSONS = [
       "paths anew now” and watch the blue paths fan out again, all of them consistent with everything seen.",
     set: { filters: ["fastslam1"], particles: 50, landmarks: 40, reach_m: 8, odometry_noise: 2, redraws: "on_request" } },
   { title: "8. Wrong beliefs about noise",
-    text: "The filters believe in a third of the sensor's true noise here. The ellipses are too small, landmarks are founded " +
-      "twice, and the verdict in the line above a map turns. Set “the filters believe in” to 1.0 × and compare. On a robot " +
+    text: "The filters believe in a third of the sensor's true noise here. The ellipses are too small and landmarks are " +
+      "founded twice. The line above a map says what the filter thinks of itself; it does not always notice. Set “the filters believe in” to 1.0 × and compare. On a robot " +
       "of your own, fastslam doctor finds such noise from a log.",
     set: { filters: ["fastslam2", "ekf"], particles: 100, landmarks: 40, sensor_noise: 2, odometry_noise: 1,
       believed_noise: 0.33, redraws: "never" } },
