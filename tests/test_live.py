@@ -15,6 +15,7 @@ import pytest
 from fastslam import run
 from fastslam.errors import DataError
 from fastslam.live import Session, live, session_of
+from fastslam.resultfiles import read_result
 from fastslam.robot import Robot
 from small_log import make_small_log
 
@@ -53,10 +54,12 @@ def estimates(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
 
 
-def test_events_on_standard_input_end_at_the_pose_of_a_run() -> None:
+def test_events_on_standard_input_end_at_the_pose_of_a_run(tmp_path: Path) -> None:
     lines = event_lines()
     lines[50:50] = ["{", '{"t": 1}', '{"t": 1, "odom": 3}', "\xff", '{"t": "x", "odom": [1, 0]}']
-    done = subprocess.run(program(), input="\n".join(lines), capture_output=True, text=True, timeout=60)
+    out = tmp_path / "out"
+    command = program("--out", str(out), "--no-report")
+    done = subprocess.run(command, input="\n".join(lines), capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     told = estimates(done.stdout)
     assert len(told) > 50
@@ -65,6 +68,13 @@ def test_events_on_standard_input_end_at_the_pose_of_a_run() -> None:
     assert {entry["id"] for one in told for entry in one["map"]["changed"]} == set(LOG.identity_names)
     assert "passed over: line 51: no JSON" in done.stderr and "Traceback" not in done.stderr
     assert "5 lines that are no events" in done.stderr
+    # The files of a run, and what came as a log that gives them again.
+    result = run(LOG, {"filter": {"particles": 15}})
+    kept = read_result(out)
+    np.testing.assert_allclose(kept.trajectory.T_world_robot, result.trajectory.T_world_robot, atol=1e-5)
+    assert set(kept.landmarks.ids) == set(LOG.identity_names)
+    again = run(out / "log")
+    np.testing.assert_allclose(again.trajectory.T_world_robot, result.trajectory.T_world_robot, atol=1e-5)
 
 
 def test_events_over_tcp_and_a_state_that_sigterm_keeps(tmp_path: Path) -> None:
@@ -117,3 +127,19 @@ def test_a_line_that_is_no_event_is_counted_with_its_number(line: str) -> None:
     with pytest.raises(DataError, match=r"^line 2: "):
         session.take(line)
     assert session.faults.count == 1 and session.robot.counts["waiting"] == 1
+
+
+def test_a_robot_that_keeps_what_came_has_the_result_of_a_run() -> None:
+    robot = Robot(LOG.config | {"filter": {"particles": 15}}, identities="all")
+    with pytest.raises(DataError, match="nothing was kept"):
+        robot.result()
+    robot.keep_result()
+    list(live(event_lines(), robot))
+    result, log = robot.result(name="circle")
+    expected = run(LOG, {"filter": {"particles": 15}})
+    np.testing.assert_array_equal(result.trajectory.T_world_robot, expected.trajectory.T_world_robot)
+    np.testing.assert_array_equal(result.smoothed.T_world_robot, expected.smoothed.T_world_robot)
+    np.testing.assert_array_equal(result.steps.matched, expected.steps.matched)
+    assert result.verdict == expected.verdict and result.counts == expected.counts
+    assert len(log.sightings.stamp_s) == len(LOG.sightings.stamp_s)
+    assert sorted(log.identity_names) == sorted(LOG.identity_names) and result.steps.latency_us.min() > 0.0

@@ -28,9 +28,9 @@ from .filter import (
     step_info,
 )
 from .limits import stamp_fault
-from .log import Floats
+from .log import Floats, Log
 from .maps import Anywhere, Changes, Map, StartLike, changes, core_start
-from .result import LandmarkMap, Trajectory
+from .result import LandmarkMap, RunResult, Trajectory
 from .rows import Row
 from .settings import Layer
 
@@ -97,6 +97,8 @@ class Robot:
     _chart: Map | None
     _search: RobotSearch | None
     _step: Step | None
+    _kept: list[Row] | None = None
+    """Rows for a result, where somebody wants one."""
     _refused: dict[str, int]
     """By streams before this one."""
 
@@ -128,7 +130,10 @@ class Robot:
 
     def _fresh_stream(self) -> _core.Stream:
         with core_errors():
-            return _core.Stream(self.config.to_json(), self._kind, self._window)
+            stream = _core.Stream(self.config.to_json(), self._kind, self._window)
+        if self._kept is not None:
+            stream.keep_steps()
+        return stream
 
     def _begin_in_map(self, start: StartLike) -> None:
         columns: _core._MapColumns | None = None
@@ -214,6 +219,31 @@ class Robot:
             self._stream.finish()
             self._ended = True
             return () if self.searching else steps
+
+    def keep_result(self) -> None:
+        """From here on rows and steps are kept, for `result`; memory then grows with the drive."""
+        with self._lock:
+            self._kept = [] if self._kept is None else self._kept
+            self._stream.keep_steps()
+
+    def result(self, *, name: str = "live") -> tuple[RunResult, Log]:
+        """What a run over the rows since `keep_result` would return, and these rows as a log.
+
+        Rows and steps before are not in it; the smoothed path and the map are whole. Errors: `DataError`
+        while it is `searching`, and without `keep_result`.
+        """
+        from .rows import log_of
+        from .runner import Given, result_of
+
+        with self._lock:
+            self._check_found()
+            if self._kept is None:
+                raise DataError("nothing was kept: call keep_result before the first row")
+            identity_names, class_names, _ = self._names()
+            log = log_of(self._kept, len(self._control_columns), name=name, config=dict(self.config))
+            log = replace(log, identity_names=identity_names, class_names=class_names)
+            given = Given(self._chart, None, identity_names)
+            return result_of(self._stream.output(), log, self.config, given), log
 
     @property
     def searching(self) -> bool:
@@ -375,6 +405,8 @@ class Robot:
             self._index_of_class.update(names[1])
             if self._search is not None:
                 self._search.rows.append(row)
+            if self._kept is not None:
+                self._kept.append(row)
         steps = self._computed()
         if self._search is None:
             return became, steps

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from . import _core
+from .log import Controls, Floats, Ints, Log, Sightings
 
 
 @dataclass(frozen=True)
@@ -44,3 +46,41 @@ class Row:
         if columns[3] is not None:
             columns[3] = columns[3].reshape(-1, 3)
         return cls("sightings", stamp_s, tuple(columns))
+
+
+def log_of(rows: Sequence[Row], columns: int, *, name: str, config: dict[str, Any]) -> Log:
+    """Rows as a log in time order, without names; `columns` are those of the motion model."""
+    driven = sorted((row for row in rows if row.kind == "odometry"), key=lambda row: row.stamp_s)
+    scans = sorted((row for row in rows if row.kind == "sightings"), key=lambda row: row.stamp_s)
+    controls = Controls(
+        np.array([row.stamp_s for row in driven]),
+        np.array([row.values[0][:columns] for row in driven], dtype=np.float64).reshape(-1, columns),
+    )
+    sizes = [len(row.values[0]) for row in scans]
+
+    def column(place: int, missing: float) -> Floats:
+        parts = [
+            np.full(size, missing) if row.values[place] is None else np.asarray(row.values[place], np.float64)
+            for row, size in zip(scans, sizes, strict=True)
+        ]
+        return np.concatenate(parts) if parts else np.empty(0)
+
+    def whole(place: int) -> Ints:
+        return column(place, -1.0).astype(np.int64)
+
+    sightings = Sightings(
+        stamp_s=np.repeat([row.stamp_s for row in scans], sizes) if scans else np.empty(0),
+        range_m=column(0, np.nan),
+        bearing_rad=column(1, np.nan),
+        identity=whole(2),
+        class_index=whole(4),
+        signature=column(5, np.nan),
+    )
+    return Log(
+        name=name,
+        source="a live stream",
+        format="native",
+        controls=controls,
+        sightings=sightings,
+        config=config,
+    )

@@ -107,7 +107,7 @@ def run(
     configuration = configure(log, config or {})
     controls, sightings = log.controls, log.sightings
     delay_s = configuration["sensor"]["delay_s"]
-    given = _Given.of(map, log)
+    given = Given.of(map, log)
     try:
         with stage("filter"):
             columns = _core.run(
@@ -134,8 +134,7 @@ def run(
         raise DataError(str(error), log.source) from None
     except RuntimeError as error:
         raise NumericalError(str(error)) from None
-    result = _result(columns, log, configuration, given)
-    result = replace(result, verdict=verdict(result, log, columns["two_places"]))
+    result = result_of(columns, log, configuration, given)
     if checkpoints is not None:
         result = replace(result, warnings=(*result.warnings, *checkpoints.warnings))
         if not result.interrupted:
@@ -182,7 +181,7 @@ def run_many(
 
 
 @dataclass(frozen=True)
-class _Given:
+class Given:
     """The map that a run begins with, as the core takes it, and the names of landmarks of both."""
 
     chart: Map | None
@@ -190,7 +189,7 @@ class _Given:
     names: tuple[str, ...]
 
     @classmethod
-    def of(cls, map: Map | Path | str | None, log: Log) -> _Given:
+    def of(cls, map: Map | Path | str | None, log: Log) -> Given:
         chart = Map.load(map) if isinstance(map, Path | str) else map
         if chart is None:
             return cls(None, None, log.identity_names)
@@ -198,7 +197,7 @@ class _Given:
         return cls(chart, chart.core_columns(identity, log.class_names), names)
 
 
-def _watched(watch: Watch, config: Config, log: Log, given: _Given) -> Callable[..., tuple[float, float]]:
+def _watched(watch: Watch, config: Config, log: Log, given: Given) -> Callable[..., tuple[float, float]]:
     """Shows `watch` the columns of the core as a view."""
     from .watching import view_of
 
@@ -214,11 +213,12 @@ def _watched(watch: Watch, config: Config, log: Log, given: _Given) -> Callable[
     return show
 
 
-def _result(columns: dict[str, Any], log: Log, config: Config, given: _Given) -> RunResult:
+def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -> RunResult:
+    """What the core's columns of a run, or of a stream, come to."""
     debug = " (debug build)" if _core.build_profile == "debug" else ""
     chart_ids = () if given.chart is None else given.chart.landmarks.ids
     landmarks = landmark_map(columns["map"], given.names, log.class_names, chart_ids)
-    return RunResult(
+    result = RunResult(
         log_name=log.name,
         config=dict(config),
         version=_core.__version__ + debug,
@@ -239,6 +239,7 @@ def _result(columns: dict[str, Any], log: Log, config: Config, given: _Given) ->
         warnings=noise_sentences(columns["warnings"], config),
         noise=columns["noise"],
     )
+    return replace(result, verdict=verdict(result, log, columns["two_places"]))
 
 
 def peak_memory_bytes() -> int:

@@ -16,6 +16,8 @@ from .._entry import INTERRUPTED
 from ..errors import ConfigError, DataError
 from .console import stderr
 from .options import ConfigFile, Settings, StartPose, StartStd, start_given
+from .output import LogReference, write_log_reference
+from .run import NoReport, prepare_folder
 from .watch import DEFAULT_PORT, Watching, WatchPort, watched
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ InMap = Annotated[
 ]
 Names = Annotated[Known, typer.Option(help="Which sightings name their landmark.")]
 Classes = Annotated[str, typer.Option(metavar="A,B,..", help="Names of the classes, in order.")]
+Out = Annotated[Path | None, typer.Option(help="Folder for the results, as `run` writes them.")]
 State = Annotated[
     Path | None, typer.Option("--checkpoint", help="Go on from this file, if there is one; keep the state.")
 ]
@@ -55,6 +58,8 @@ def live_stream(
     start: StartPose = None,
     start_std: StartStd = None,
     checkpoint: State = None,
+    out: Out = None,
+    no_report: NoReport = False,
     watch: Watching = False,
     watch_port: WatchPort = DEFAULT_PORT,
 ) -> None:
@@ -71,6 +76,8 @@ def live_stream(
     --start anywhere it is searched for there: until one place is sure, health is `searching`, there is no
     pose, and `modes` are the places that are likely.
 
+    --out leaves the files of a run over all that came, and that as a log, when the stream ends or is stopped.
+
     --watch serves a page on this machine that draws what is known; it can hold its picture, not the robot.
 
     \b
@@ -85,6 +92,7 @@ def live_stream(
 
     layers = [load_config(config) if config is not None else {}, parse_assignments(settings or [])]
     begin = start_given(start, start_std)
+    folder = None if out is None else prepare_folder(out)
     if checkpoint is not None and checkpoint.exists():
         robot = Robot.load(checkpoint)
     else:
@@ -97,6 +105,8 @@ def live_stream(
             start=begin,
         )
     session = session_of(robot, rate_hz=rate_hz)
+    if folder is not None:
+        robot.keep_result()
     interrupted = False
     with watched("live", robot.config, port=watch_port if watch else None, kind="live") as watcher:
         try:
@@ -107,6 +117,8 @@ def live_stream(
         _finish(session, checkpoint)
         if watcher is not None and robot.last_step is not None:
             watcher.show(robot.view(robot.last_step))
+    if folder is not None:
+        _write_results(session, folder, report=not no_report)
     if interrupted:
         stderr().print("interrupted: the state was kept" if checkpoint else "interrupted")
         raise typer.Exit(INTERRUPTED)
@@ -139,6 +151,21 @@ def _finish(session: Session, checkpoint: Path | None) -> None:
     if refused:
         what = ", ".join(f"{count:,} {key}" for key, count in refused.items())
         stderr().print(f"passed over in all: {what}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _write_results(session: Session, folder: Path, *, report: bool) -> None:
+    """The files of a run over what came, with what came as a log of its own."""
+    from ..datasets.native_write import write_native
+    from ..outputs import write_outputs
+
+    if session.robot.searching or session.step is None:
+        why = "the robot was not found in its map" if session.robot.searching else "nothing came"
+        raise DataError(f"{why}: there are no results", folder)
+    result, log = session.robot.result(name=folder.name)
+    write_outputs(result, log, folder, report=report)
+    reference = LogReference(write_native(log, folder / "log"), "native")
+    write_log_reference(folder, reference)
+    stderr().print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _write(line: str) -> None:
