@@ -19,7 +19,7 @@ _SOURCE = "arrays"
 
 def log_from_arrays(
     controls: tuple[ArrayLike, ArrayLike],
-    sightings: tuple[ArrayLike, ArrayLike, ArrayLike],
+    sightings: tuple[ArrayLike, ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike],
     *,
     identities: Sequence[object] | None = None,
     config: Mapping[str, Any] | None = None,
@@ -33,7 +33,10 @@ def log_from_arrays(
     if np.any(np.diff(stamp_s) <= 0.0):
         row = int(np.flatnonzero(np.diff(stamp_s) <= 0.0)[0]) + 1
         raise DataError(f"controls: stamp_s must grow, but row {row} ({stamp_s[row]:g}) does not")
-    names = ("stamp_s", "range_m", "bearing_rad")
+    names: tuple[str, ...] = ("stamp_s", "range_m", "bearing_rad")
+    sensor = (config or {}).get("sensor")
+    ranges_alone = isinstance(sensor, Mapping) and sensor.get("model") == "range"
+    names = names[:2] if ranges_alone else names
     seen_stamps, *rest = _parts("sightings", sightings, names)
     columns = [_stamps("sightings", seen_stamps)]
     columns += [_column(f"sightings: {key}", value) for key, value in zip(names[1:], rest, strict=True)]
@@ -44,6 +47,8 @@ def log_from_arrays(
     if np.any(columns[1] < 0.0):
         row = int(np.flatnonzero(columns[1] < 0.0)[0])
         raise DataError(f"sightings: range_m must not be negative, but row {row} is {columns[1][row]:g}")
+    if ranges_alone:
+        columns.append(np.full(len(columns[1]), np.nan))
     if np.any(np.abs(columns[2]) > LARGEST_BEARING_RAD):
         raise DataError(f"sightings: bearing_rad: {DEGREES_HINT}")
     order = np.argsort(columns[0], kind="stable")

@@ -24,7 +24,7 @@ from .errors import ConfigError, DataError
 from .evaluation.align import align_points
 from .log import Controls, Floats, Ints, Log
 from .result import RunResult
-from .runner import configure, run
+from .runner import configure, refuse_ranges_alone, run
 from .settings import Layer
 from .tuning.judge import evidence, fault_of
 
@@ -106,6 +106,7 @@ def calibrate(
         raise ConfigError(f"reference: got {reference}, expected {', '.join(get_args(Reference))}")
     log = with_sightings(log)
     configuration = configure(log, config or {})
+    refuse_ranges_alone(configuration, "calibrate")
     result = run(log, configuration)
     fault = fault_of(result)
     if fault is not None:

@@ -168,7 +168,7 @@ class FastSlam:
         stamp_s: float,
         *,
         range_m: ArrayLike,
-        bearing_rad: ArrayLike,
+        bearing_rad: ArrayLike | None = None,
         identity: Sequence[Identity] | None = None,
         covariance: ArrayLike | None = None,
         class_index: ArrayLike | None = None,
@@ -176,12 +176,13 @@ class FastSlam:
     ) -> StepInfo:
         """Corrects with the sightings of one scan, in the sensor's frame; none at all is a scan too.
 
-        Shapes: all (S,); `covariance` (S, 3) is that of each range and bearing as (m², m·rad, rad²), NaN
-        where the sensor's own noise holds. `class_index` (-1: none) and `signature` (NaN: none) count where
-        `association.classes` and `association.signatures` are configured. Errors: `DataError` for columns of
-        different lengths, bearings in degrees, a covariance that is none, a class that is not configured, a
-        stamp before the last one or before the end of the last control, or an identity that is neither name
-        nor number; `NumericalError` when no particle can explain the scan.
+        Shapes: all (S,), without `bearing_rad` for `sensor.model: range`; `covariance` (S, 3) is that of
+        each range and bearing as (m², m·rad, rad²), NaN where the sensor's own noise holds. `class_index`
+        (-1: none) and `signature` (NaN: none) count where `association.classes` and `association.signatures`
+        are configured. Errors: `DataError` for columns of different lengths, bearings in degrees, a
+        covariance that is none, a class that is not configured, a stamp before the last one or before the
+        end of the last control, or an identity that is neither name nor number; `NumericalError` when no
+        particle can explain the scan.
         """
         scan = checked_scan(self.config, range_m, bearing_rad, identity, covariance, class_index, signature)
         stamp = number("stamp_s", stamp_s)
@@ -195,7 +196,7 @@ class FastSlam:
         *,
         dt_s: float,
         range_m: ArrayLike = (),
-        bearing_rad: ArrayLike = (),
+        bearing_rad: ArrayLike | None = None,
         identity: Sequence[Identity] | None = None,
     ) -> StepInfo:
         """`predict`, then `update` at the time that the controls since the last update (or 0) add up to.
@@ -308,15 +309,20 @@ def checked_control(control: ArrayLike, columns: Sequence[str]) -> list[float]:
 def checked_scan(
     config: Config,
     range_m: ArrayLike,
-    bearing_rad: ArrayLike,
+    bearing_rad: ArrayLike | None,
     identity: Sequence[Identity] | None,
     covariance: ArrayLike | None = None,
     class_index: ArrayLike | None = None,
     signature: ArrayLike | None = None,
 ) -> Scan:
     """The sightings of a call, checked as those of a file are."""
+    ranges = _column("range_m", range_m)
+    if bearing_rad is None:
+        if len(ranges) > 0 and config["sensor"]["model"] != "range":
+            raise DataError("bearing_rad: got none, but sensor.model is range_bearing")
+        bearing_rad = np.full(len(ranges), np.nan)
     scan = Scan(
-        range_m=_column("range_m", range_m),
+        range_m=ranges,
         bearing_rad=_column("bearing_rad", bearing_rad),
         names=None if identity is None else _names(identity),
         covariance=None if covariance is None else _covariances(covariance),

@@ -38,7 +38,8 @@ def log_from_frames(
     given = {"format_version": 1, **_MODELS, **(config or {})}
     try:
         settings = checked_settings(given, Path("config"), {})
-        seen = sightings_of(frame_table(sightings, "sightings"))
+        ranges_alone = settings.config["sensor"].get("model") == "range"
+        seen = sightings_of(frame_table(sightings, "sightings"), ranges_alone=ranges_alone)
         moved = odometry_of(
             frame_table(odometry, "odometry"), model=settings.motion_model, wheels=settings.wheels
         )

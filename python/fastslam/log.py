@@ -46,8 +46,9 @@ class Sightings:
 
     Shapes: all (S,). `identity` indexes `Log.identity_names`; -1 where nobody says which landmark it is.
     `class_index` indexes `Log.class_names` (-1: none); `signature` is a scalar such as a trunk's diameter in
-    metres (NaN: none). `covariance` (S, 3) is that of each range and bearing, as (m², m·rad, rad²), where the
-    source of the sightings knows it; None or NaN leaves it to the sensor settings.
+    metres (NaN: none). `bearing_rad` is NaN throughout where the sensor measures ranges alone. `covariance`
+    (S, 3) is that of each range and bearing, as (m², m·rad, rad²), where the source of the sightings knows
+    it; None or NaN leaves it to the sensor settings.
     """
 
     stamp_s: Floats
@@ -174,7 +175,7 @@ class Log:
     def from_arrays(
         cls,
         controls: tuple[ArrayLike, ArrayLike],
-        sightings: tuple[ArrayLike, ArrayLike, ArrayLike],
+        sightings: tuple[ArrayLike, ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike],
         *,
         identities: Sequence[object] | None = None,
         config: Mapping[str, Any] | None = None,
@@ -184,7 +185,8 @@ class Log:
 
         `controls` are `stamp_s` (N,), which grows, and values (N, 2) or (N, 3), as the motion model of
         `config` takes them (see `Controls`). `sightings` are `stamp_s`, `range_m`, `bearing_rad`, all (S,),
-        in any order. `identities` (S) names the landmark of each; None, NaN or the empty text where unknown.
+        in any order; without bearings where `config` has `sensor: {model: range}`. `identities` (S) names the
+        landmark of each; None, NaN or the empty text where unknown.
 
         >>> log = Log.from_arrays(
         ...     ([0.0, 0.1], [[1.0, 0.0], [1.0, 0.2]]), ([0.1], [4.2], [0.3]), identities=["post"]

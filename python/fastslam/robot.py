@@ -181,7 +181,7 @@ class Robot:
         stamp_s: float,
         *,
         range_m: ArrayLike,
-        bearing_rad: ArrayLike,
+        bearing_rad: ArrayLike | None = None,
         identity: Sequence[Identity] | None = None,
         class_name: Sequence[str | None] | None = None,
         covariance: ArrayLike | None = None,

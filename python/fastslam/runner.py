@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -50,6 +50,15 @@ def configure(log: Log, *layers: Layer) -> Config:
         kept = {key: value for key, value in own["association"].items() if key in EKF_ASSOCIATION}
         own = {**own, "association": kept}
     return Config.resolve(own, *layers)
+
+
+def refuse_ranges_alone(config: Mapping[str, Any], who: str) -> None:
+    """Errors: `ConfigError` for a sensor without bearings, whose scale and bias every run learns."""
+    if config["sensor"]["model"] == "range":
+        raise ConfigError(
+            f"sensor.model: got range, expected range_bearing for {who}: it needs bearings "
+            "(a run on ranges alone learns their scale and bias by itself)"
+        )
 
 
 def check_own_settings(log: Log) -> None:

@@ -51,6 +51,24 @@ impl Tail {
         }
     }
 
+    /// [`Self::noise_scale`] for a sighting of so many numbers: (κ + d²) / (κ + Z), 1 for an ordinary one.
+    #[inline(always)]
+    pub fn noise_scale_of(self, numbers: usize, mahalanobis_squared: f64) -> f64 {
+        match self {
+            Self::Gaussian => 1.0,
+            Self::StudentT(k) => ((k + mahalanobis_squared) / (k + numbers as f64)).max(1.0),
+        }
+    }
+
+    /// [`Self::log_excess`] for so many numbers: the logarithm of the density of their t-distribution over the normal
+    /// one with the same matrix.
+    pub fn log_excess_of(self, numbers: usize, mahalanobis_squared: f64) -> f64 {
+        let Self::StudentT(k) = self else { return 0.0 };
+        let z = numbers as f64;
+        let constant = ln_gamma(0.5 * (k + z)) - ln_gamma(0.5 * k) - 0.5 * z * math::ln(0.5 * k);
+        constant + 0.5 * mahalanobis_squared - 0.5 * (k + z) * math::ln(1.0 + mahalanobis_squared / k)
+    }
+
     /// The Mahalanobis distance at which the logarithm of the density lies `log_ratio` below its peak.
     pub fn reach(self, log_ratio: f64) -> f64 {
         let log_ratio = log_ratio.max(0.0);
@@ -80,6 +98,20 @@ pub fn fit(innovation: [f64; 2], q: Symmetric2) -> Fit {
     let [a, b] = innovation;
     let mahalanobis_squared = (q.yy * a * a - 2.0 * q.xy * a * b + q.xx * b * b) / determinant;
     Fit { log_likelihood: -0.5 * (mahalanobis_squared + math::ln(determinant)) - LN_TAU, mahalanobis_squared }
+}
+
+/// ln Γ(x) for a positive x.
+///
+/// **Source:** Stirling's series from 12 on, to 2e-13; below, Γ(x + 1) = x Γ(x).
+fn ln_gamma(mut x: f64) -> f64 {
+    let mut below = 1.0;
+    while x < 12.0 {
+        below *= x;
+        x += 1.0;
+    }
+    let square = 1.0 / (x * x);
+    let series = (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1260.0 - square / 1680.0))) / x;
+    (x - 0.5) * math::ln(x) - x + 0.5 * LN_TAU + series - math::ln(below)
 }
 
 /// What χ² with two degrees of freedom stays below with this probability: the square of a gate for a sighting.
@@ -117,6 +149,25 @@ mod tests {
         assert!((fit.mahalanobis_squared - 2.0).abs() < 1e-15);
         let density = (-1.0_f64).exp() / (std::f64::consts::TAU * 6.0);
         assert!((fit.log_likelihood - density.ln()).abs() < 1e-14);
+    }
+
+    #[test]
+    fn tails_of_any_number_integrate_to_one_and_agree_in_the_plane() {
+        for k in [0.5, 3.0, 4.0, 30.0] {
+            let tail = Tail::StudentT(k);
+            for d2 in [0.0, 0.4, 9.0, 400.0] {
+                assert!((tail.log_excess_of(2, d2) - tail.log_excess(d2)).abs() < 1e-11, "{k} {d2}");
+                assert!((tail.noise_scale_of(2, d2) - tail.noise_scale(d2)).abs() < 1e-15);
+            }
+        }
+        // One number: the density of t with 3 degrees at 0 is 2 / (π √3), and at √3 a quarter of it.
+        let normal = |x: f64| -0.5 * (x * x + LN_TAU);
+        let density = |x: f64| (normal(x) + Tail::StudentT(3.0).log_excess_of(1, x * x)).exp();
+        let peak = 2.0 / (std::f64::consts::PI * 3.0_f64.sqrt());
+        assert!((density(0.0) - peak).abs() < 1e-12, "{} {peak}", density(0.0));
+        assert!((density(3.0_f64.sqrt()) - 0.25 * peak).abs() < 1e-12);
+        assert!((ln_gamma(0.5) - 0.5 * std::f64::consts::PI.ln()).abs() < 1e-12);
+        assert!((ln_gamma(11.0) - 3_628_800.0_f64.ln()).abs() < 1e-12);
     }
 
     #[test]

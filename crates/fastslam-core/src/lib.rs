@@ -20,6 +20,8 @@ pub mod limits;
 pub mod math;
 pub mod measurement;
 pub mod motion;
+pub mod normal;
+pub mod partial;
 pub mod path;
 pub mod random;
 pub mod real;

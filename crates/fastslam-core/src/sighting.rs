@@ -22,6 +22,11 @@ impl Sighting {
     pub fn range_bearing(range_m: f64, bearing_rad: f64, identity: Option<u32>) -> Self {
         Self { value: [range_m, bearing_rad], identity, noise: None, appearance: Appearance::default() }
     }
+
+    /// A range alone, in metres, with the sensor's noise.
+    pub fn range(range_m: f64, identity: Option<u32>) -> Self {
+        Self::range_bearing(range_m, 0.0, identity)
+    }
 }
 
 /// What a detector reports of a landmark beside its place.

@@ -7,8 +7,9 @@ use crate::error::{Error, Result};
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Seen, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
-use crate::measurement::MeasurementModel;
+use crate::measurement::{MeasurementModel, SensorModel};
 use crate::motion::{MotionGaussian, RowPart};
+use crate::partial::PartialSlam;
 use crate::snapshot::{self, Holds};
 use crate::store::StoreUsage;
 
@@ -69,6 +70,15 @@ pub fn load(snapshot: &[u8]) -> Result<(Box<dyn Slam>, Config, String)> {
 
 /// The configured filter at its initial pose with an empty map.
 pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
+    if config.sensor.model == SensorModel::Range {
+        return match identities {
+            Identities::None => {
+                let expected = "range_bearing where sightings name no landmark: ranges alone need known identities";
+                Err(Error::parameter("sensor.model", "range", expected))
+            }
+            _ => Ok(Box::new(PartialSlam::range_only(config)?)),
+        };
+    }
     Ok(match config.algorithm {
         Algorithm::Ekf => Box::new(EkfSlam::new(config, identities)?),
         Algorithm::Fastslam1 | Algorithm::Fastslam2 => Box::new(FastSlam::new(config, identities)?),

@@ -20,6 +20,7 @@ mod metamorphic;
 mod oracle_linear_gaussian;
 mod path_period;
 mod randomness;
+mod range_only;
 mod rejuvenation;
 mod robustness;
 mod state;

@@ -143,13 +143,16 @@ pub fn run<'py>(
         controls: arrays::controls(&controls)?,
         control_covariances: arrays::control_covariances(control_covariance.as_ref())?,
         sighting_stamps_s: sighting_stamps_s.as_array().to_vec(),
-        sightings: arrays::sightings(
-            &range_m,
-            &bearing_rad,
-            &identity,
-            noise.as_ref(),
-            &arrays::Looks { class_index, signature },
-        )?,
+        sightings: arrays::of_sensor(
+            config.sensor.model,
+            arrays::sightings(
+                &range_m,
+                &bearing_rad,
+                &identity,
+                noise.as_ref(),
+                &arrays::Looks { class_index, signature },
+            )?,
+        ),
     };
     let total = log.step_bound(config.filter.path_period_s);
     let every_s = checkpoint_every_s;

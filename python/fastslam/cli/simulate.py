@@ -20,6 +20,7 @@ _PRESETS = ", ".join(name for name, _ in simulation_presets())
 _KEY_OF_FLAG = {
     "layout": "world.layout",
     "path": "trajectory.kind",
+    "sensor": "sensor.model",
     "max_range": "sensor.max_range_m",
     "seed": "seed",
 }
@@ -49,6 +50,10 @@ def simulate_log(
     path: Annotated[
         str | None, typer.Option(metavar="NAME", help="Where the robot goes: `trajectory.kind`.")
     ] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="What it sees, range_bearing or range: `sensor.model`."),
+    ] = None,
     max_range: Annotated[
         float | None, typer.Option("--max-range-m", metavar="M", help="How far the sensor sees, in metres.")
     ] = None,
@@ -70,13 +75,14 @@ def simulate_log(
       fastslam simulate rocks --preset rover
       fastslam simulate large --preset headline --landmarks 100000
       fastslam simulate clutter --set scan.clutter_per_scan=2 --set scan.detection_probability=0.8
+      fastslam simulate beacons --sensor range --max-range-m 100 --set world.count=12
       fastslam simulate square --path waypoints --set "trajectory.points_m=[[5, 5], [45, 5], [45, 35]]"
     """
     from ..datasets.native_write import write_native
     from ..resultfiles import write_atomically
     from ..simulation import SCHEMA, resolve_simulation, simulate
 
-    flags = {"layout": layout, "path": path, "max_range": max_range, "seed": seed}
+    flags = {"layout": layout, "path": path, "sensor": sensor, "max_range": max_range, "seed": seed}
     given = (f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None)
     complete = resolve_simulation(
         SCHEMA.load(config) if config is not None else {},

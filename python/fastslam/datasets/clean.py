@@ -53,13 +53,15 @@ def clean_sightings(
 ) -> tuple[Sightings, tuple[Problem, ...]]:
     """Sightings in time order with finite, positive ranges and bearings in [-pi, pi].
 
+    Where no bearing is a number the sensor measures none, and they stay NaN.
     `lines` says where the rows stand in the file. Errors: DataError when there were sightings and none is
     left, or for a stamp that cannot be in seconds or lies months from all others.
     """
     refuse_wrong_stamps(sightings.stamp_s, path=path, lines=lines)
     problems: list[Problem] = []
     finite = np.isfinite(sightings.stamp_s) & np.isfinite(sightings.range_m)
-    finite &= np.isfinite(sightings.bearing_rad)
+    if not np.isnan(sightings.bearing_rad).all():
+        finite &= np.isfinite(sightings.bearing_rad)
     _count(problems, "sightings with NaN or infinite stamp, range or bearing: dropped", int(np.sum(~finite)))
     positive = np.greater(sightings.range_m, 0.0, where=finite, out=np.zeros_like(finite))
     _count(problems, "sightings with zero or negative range: dropped", int(np.sum(finite & ~positive)))
@@ -106,7 +108,8 @@ def _identical_rows(sightings: Sightings) -> Bools:
 
     Noise makes no reading twice: the rows were written twice, or a detector's output was recorded twice.
     """
-    columns = [sightings.stamp_s, sightings.range_m, sightings.bearing_rad, sightings.identity]
+    bearing = np.nan_to_num(sightings.bearing_rad, nan=-1e300)
+    columns = [sightings.stamp_s, sightings.range_m, bearing, sightings.identity]
     columns += [sightings.class_index, np.nan_to_num(sightings.signature, nan=-1e300)]
     if sightings.covariance is not None:
         columns += list(np.nan_to_num(sightings.covariance, nan=-1e300).T)

@@ -114,7 +114,7 @@ def _stream(stamp_s: Floats) -> StreamInfo:
 
 
 def _extent(values: Floats) -> Extent | None:
-    if len(values) == 0:
+    if len(values) == 0 or np.isnan(values).all():
         return None
     return Extent(float(values.min()), float(np.median(values)), float(values.max()))
 

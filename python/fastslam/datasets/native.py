@@ -36,7 +36,11 @@ def load(path: Path, options: LoadOptions) -> Log:
     only_scans = scans is not None and find_file(path, "sightings.csv") is None
     settings = read_settings(_required(path, "log.yaml"))
     odometry_file = _required(path, "odometry.csv")
-    seen = SightingsFile(no_sightings()) if only_scans else read_sightings(_required(path, "sightings.csv"))
+    ranges_alone = settings.config["sensor"].get("model") == "range"
+    if only_scans:
+        seen = SightingsFile(no_sightings())
+    else:
+        seen = read_sightings(_required(path, "sightings.csv"), ranges_alone=ranges_alone)
     odometry = read_odometry(odometry_file, model=settings.motion_model, wheels=settings.wheels)
     trajectory, truth_problems = read_trajectory(find_file(path, "truth_trajectory.tum"))
     clocks = clock_problems(odometry, seen, path)

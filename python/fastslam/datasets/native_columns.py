@@ -41,8 +41,9 @@ def sightings_columns(log: Log) -> dict[str, Floats | Names]:
     columns: dict[str, Floats | Names] = {
         "stamp_s": seen.stamp_s,
         "range_m": seen.range_m,
-        "bearing_rad": seen.bearing_rad,
     }
+    if log.config.get("sensor", {}).get("model") != "range":
+        columns["bearing_rad"] = seen.bearing_rad
     if log.identity_names:
         columns["landmark_id"] = _names(seen.identity, log.identity_names)
     if log.class_names:

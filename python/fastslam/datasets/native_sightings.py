@@ -53,21 +53,26 @@ class SightingsFile:
     """Whether the stamps are dates."""
 
 
-def read_sightings(path: Path) -> SightingsFile:
-    """The sightings, polar or Cartesian, in any of the dialects. Errors: DataError with file and line."""
-    return sightings_of(read_csv(path, example=EXAMPLE, allow_empty=True))
+def read_sightings(path: Path, *, ranges_alone: bool = False) -> SightingsFile:
+    """The sightings, polar or Cartesian, in any of the dialects. Errors: DataError with file and line.
+
+    With `ranges_alone` (`sensor.model: range`) no bearing is asked for, and none is kept.
+    """
+    return sightings_of(read_csv(path, example=EXAMPLE, allow_empty=True), ranges_alone=ranges_alone)
 
 
-def sightings_of(table: CsvTable) -> SightingsFile:
+def sightings_of(table: CsvTable, *, ranges_alone: bool = False) -> SightingsFile:
     """The sightings that a table holds under any of the names known. Errors: DataError with its line."""
     table = name_columns(table, QUANTITIES, ignored=IGNORED)
-    cartesian = _is_cartesian(table)
+    cartesian = _is_cartesian(table, ranges_alone=ranges_alone)
     identity, identity_names = _named(*_labels(table, "landmark_id"))
     class_index, class_names = _labels(table, "class")
     signature: Floats = np.full(len(table.lines), np.nan)
     if "signature" in table.index_of:
         signature = table.numbers("signature", empty=float("nan"))
-    range_m, bearing_rad = _polar(table) if cartesian else _given(table)
+    range_m, bearing_rad = _polar(table) if cartesian else _given(table, ranges_alone=ranges_alone)
+    if ranges_alone:
+        bearing_rad = np.full(len(range_m), np.nan)
     raw = Sightings(
         stamp_s=table.stamps("stamp_s"),
         range_m=range_m,
@@ -77,6 +82,8 @@ def sightings_of(table: CsvTable) -> SightingsFile:
         signature=signature,
         covariance=_point_covariance(table) if cartesian else _covariance(table, COVARIANCE_COLUMNS),
     )
+    left_out = ranges_alone and not cartesian and "bearing_rad" in table.index_of
+    notes = ("sensor.model is range: the bearings are not used",) if left_out else ()
     sightings, problems = clean_sightings(raw, path=table.path, lines=table.lines)
     if not table.lines:
         problems = (Problem(f"{table.path.name} holds no sighting: only the odometry is left"),)
@@ -85,14 +92,16 @@ def sightings_of(table: CsvTable) -> SightingsFile:
         identity_names,
         class_names,
         table.problems + problems,
-        table.notes,
+        table.notes + notes,
         dated=table.has_dates("stamp_s"),
     )
 
 
-def _is_cartesian(table: CsvTable) -> bool:
+def _is_cartesian(table: CsvTable, *, ranges_alone: bool) -> bool:
     """Whether sightings are given as x, y. Errors: DataError when neither form is complete."""
     present = set(table.index_of)
+    if ranges_alone and {"stamp_s", "range_m"} <= present:
+        return False
     if "stamp_s" in present and {"range_m", "bearing_rad"} <= present:
         return False
     if {"stamp_s", "x_m", "y_m"} <= present:
@@ -100,6 +109,8 @@ def _is_cartesian(table: CsvTable) -> bool:
     wanted = ("stamp_s", "x_m", "y_m") if {"x_m", "y_m"} & present else ("stamp_s", "range_m", "bearing_rad")
     missing = next(name for name in wanted if name not in present)
     expected = "stamp_s,range_m,bearing_rad or stamp_s,x_m,y_m (in the sensor's frame)"
+    if missing == "bearing_rad":
+        expected += "; for ranges alone write sensor: {model: range, range_std_m: ...} in log.yaml"
     message = f"column {missing} is missing: got {','.join(table.index_of)}, expected {expected}"
     raise DataError(message, table.path, table.header_line)
 
@@ -117,8 +128,9 @@ def _named(indices: Ints, names: tuple[str, ...]) -> tuple[Ints, tuple[str, ...]
     return new_index[indices], tuple(name for name, is_known in zip(names, known, strict=True) if is_known)
 
 
-def _given(table: CsvTable) -> tuple[Floats, Floats]:
-    return table.numbers("range_m"), table.numbers("bearing_rad")
+def _given(table: CsvTable, *, ranges_alone: bool) -> tuple[Floats, Floats]:
+    range_m = table.numbers("range_m")
+    return range_m, range_m if ranges_alone else table.numbers("bearing_rad")
 
 
 def _polar(table: CsvTable) -> tuple[Floats, Floats]:

@@ -17,6 +17,7 @@ from . import (
     g2o,
     lost_in_the_woods,
     native,
+    plaza,
     pyfg,
     toro,
     utias,
@@ -85,6 +86,12 @@ FORMATS: dict[str, DatasetFormat] = {
             car_park.matches,
             car_park.load,
             frozenset({"run"}),
+        ),
+        DatasetFormat(
+            "plaza",
+            "folder with the MATLAB file of a Plaza set (Plaza1_.mat): ranges to radios",
+            plaza.matches,
+            plaza.load,
         ),
         DatasetFormat(
             "city_trees10000",

@@ -23,6 +23,9 @@ class Check:
     cannot: str = ""
 
 
+WITHOUT_BEARINGS = frozenset(("clock-coverage", "clock-gap", "clock-rounded"))
+"""Checks that ask nothing of bearings: those that are done where a sensor measures ranges alone."""
+
 CHECKS: tuple[Check, ...] = (
     Check("clock-coverage", clocks.coverage, "sightings whose stamps lie within the time of the odometry"),
     Check(
@@ -103,4 +106,7 @@ def examine(log: Log, config: Layer | None = None) -> tuple[Finding, ...]:
     if len(log.controls.stamp_s) < 2:
         return ()
     subject = prepare(log, config)
-    return tuple(finding for check in CHECKS for finding in check.looks(subject))
+    checks = CHECKS
+    if subject.config["sensor"]["model"] == "range":
+        checks = tuple(check for check in CHECKS if check.code in WITHOUT_BEARINGS)
+    return tuple(finding for check in checks for finding in check.looks(subject))

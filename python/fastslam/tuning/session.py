@@ -14,7 +14,7 @@ from ..errors import DataError, FastSlamError
 from ..examination.hypotheses import AS_IS
 from ..log import Floats, Ints, Log
 from ..result import RunResult
-from ..runner import configure, run
+from ..runner import configure, refuse_ranges_alone, run
 from ..settings import Layer
 from .begin import Beginning, Tried, beginning
 from .judge import evidence, fault_of
@@ -91,7 +91,9 @@ def tune(log: Log, config: Layer | None = None, *, progress: Progress | None = N
     ConfigError for the configuration.
     """
     log = with_sightings(log)
-    session = _Session(log, configure(log, config or {}), config or {}, progress)
+    configuration = configure(log, config or {})
+    refuse_ranges_alone(configuration, "tune")
+    session = _Session(log, configuration, config or {}, progress)
     start = session.attempt("as stated", {}, None)
     teaching = replace(log, sightings=usable_sightings(log, session.until_s)[0])
     begin = beginning(teaching, session.config, wide_noise(log, session.config))

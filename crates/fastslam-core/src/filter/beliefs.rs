@@ -281,7 +281,7 @@ impl<M: MeasurementModel> Refinement<'_, M> {
 ///
 /// **Why:** a pivot that rounding left at or below zero spans no uncertainty; the motion's covariance may be singular.
 #[inline(always)]
-fn draw(belief: &Belief, [a, b, c]: [f64; 3]) -> Pose {
+pub(crate) fn draw(belief: &Belief, [a, b, c]: [f64; 3]) -> Pose {
     let p = &belief.covariance;
     let pivot = |value: f64| if value > 0.0 { value.sqrt() } else { 0.0 };
     let over = |value: f64, pivot: f64| if pivot > 0.0 { value / pivot } else { 0.0 };

@@ -28,6 +28,8 @@ mod state;
 mod usable;
 mod work;
 
+pub(crate) use beliefs::draw as draw_pose;
+
 pub use crate::association::Identities;
 pub use crate::sighting::{Seen, Sighting, Skipped, Taken};
 pub use crate::step_info::StepInfo;
@@ -103,6 +105,7 @@ impl FastSlam {
     ///
     /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
     pub fn new(config: Config, identities: Identities) -> Result<Self> {
+        config.sensor.check_places()?;
         let model = config.sensor.range_bearing();
         Self::with_model(config, identities, model)
     }

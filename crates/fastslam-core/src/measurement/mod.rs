@@ -4,13 +4,17 @@
 //! [`crate::testing::check_measurement_model`] puts it through its conformance suite.
 
 mod cartesian;
+mod observation;
 mod range_bearing;
+mod range_only;
 
 pub use cartesian::Cartesian;
+pub use observation::{birth_at, Component, Derivatives, Observation};
 pub use range_bearing::RangeBearing;
+pub use range_only::RangeOnly;
 
 use crate::density::Tail;
-use crate::error::{finite, positive, Result};
+use crate::error::{finite, non_negative, positive, Error, Result};
 use crate::geometry::{Pose, Symmetric2};
 use crate::real::{Dual, Real};
 use schemars::JsonSchema;
@@ -106,7 +110,7 @@ impl Mounting {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sensor {
-    /// Which measurement model: so far `range_bearing`.
+    /// What a sighting says: `range_bearing`, or `range` alone (beacons that are heard, known by name).
     pub model: SensorModel,
     /// Standard deviation of the range.
     pub range_std_m: f64,
@@ -126,6 +130,14 @@ pub struct Sensor {
     /// What the sensor adds to every range. Reported ranges become (range − bias) / scale before anything else is done
     /// with them, the limits included.
     pub range_bias_m: f64,
+    /// How uncertain `range_scale` is (standard deviation): a run with `model: range` learns the scale; 0 takes it as it
+    /// is. Without it 0.05.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range_scale_std: Option<f64>,
+    /// How uncertain `range_bias_m` is (standard deviation): a run with `model: range` learns the bias; 0 takes it as it
+    /// is. Without it 0.5.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range_bias_std_m: Option<f64>,
     /// What the sensor adds to every bearing. A sensor with this alone is one that is mounted turned the other way.
     pub bearing_bias_rad: f64,
     /// How late the stamps of sightings are against those of the odometry: a sighting is of the pose this long before
@@ -163,6 +175,18 @@ pub enum SensorModel {
     /// Distance and direction of a landmark.
     #[default]
     RangeBearing,
+    /// Distance of a landmark alone.
+    Range,
+}
+
+impl SensorModel {
+    /// A reported range and bearing as the value of a sighting: what the sensor does not measure counts for nothing.
+    pub fn value_of(self, range_m: f64, bearing_rad: f64) -> [f64; 2] {
+        match self {
+            Self::RangeBearing => [range_m, bearing_rad],
+            Self::Range => [range_m, 0.0],
+        }
+    }
 }
 
 impl Default for Sensor {
@@ -177,6 +201,8 @@ impl Default for Sensor {
             tail_degrees_of_freedom: None,
             range_scale: SystematicError::NONE.range_scale,
             range_bias_m: SystematicError::NONE.range_bias_m,
+            range_scale_std: None,
+            range_bias_std_m: None,
             bearing_bias_rad: SystematicError::NONE.bearing_bias_rad,
             delay_s: 0.0,
             mounting: Mounting::default(),
@@ -198,6 +224,10 @@ impl Sensor {
             }
             positive("range_scale", self.range_scale)?;
             finite("range_bias_m", self.range_bias_m)?;
+            for (key, value) in [("range_scale_std", self.range_scale_std), ("range_bias_std_m", self.range_bias_std_m)]
+            {
+                value.map_or(Ok(0.0), |value| non_negative(key, value))?;
+            }
             finite("bearing_bias_rad", self.bearing_bias_rad)?;
             finite("delay_s", self.delay_s)?;
             self.mounting.validate()
@@ -213,6 +243,17 @@ impl Sensor {
     /// The range-bearing model with this sensor's noise.
     pub fn range_bearing(&self) -> RangeBearing {
         RangeBearing { range_std_m: self.range_std_m, bearing_std_rad: self.bearing_std_rad }
+    }
+
+    /// Errors unless one sighting says where a landmark is.
+    pub(crate) fn check_places(&self) -> Result<()> {
+        match self.model {
+            SensorModel::RangeBearing => Ok(()),
+            SensorModel::Range => {
+                let expected = "range_bearing: `slam::create` makes the filter for ranges alone";
+                Err(Error::parameter("sensor.model", "range", expected))
+            }
+        }
     }
 
     /// The systematic errors of this sensor.

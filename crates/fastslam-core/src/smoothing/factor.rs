@@ -58,11 +58,19 @@ impl Factor {
     /// The structure of the factors of all matrices that have their numbers in the same places; `None` when there is
     /// no memory for it.
     pub fn of_structure(matrix: &UpperTriangle) -> Option<Self> {
+        Self::ordered(matrix, SymmetricOrdering::Amd)
+    }
+
+    /// [`Self::of_structure`] that keeps the order of the variables: for a chain whose dense columns come last.
+    pub fn in_order(matrix: &UpperTriangle) -> Option<Self> {
+        Self::ordered(matrix, SymmetricOrdering::Identity)
+    }
+
+    fn ordered(matrix: &UpperTriangle, ordering: SymmetricOrdering<'_, usize>) -> Option<Self> {
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SIMPLICIAL,
             ..CholeskySymbolicParams::default()
         };
-        let ordering = SymmetricOrdering::Amd;
         let symbolic = factorize_symbolic_cholesky(matrix.symbolic(), Side::Upper, ordering, params).ok()?;
         let values = vec![0.0; symbolic.len_val()];
         let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());

@@ -218,8 +218,8 @@ impl<M: MeasurementModel> Graph<'_, M> {
         let step = self.first_free + pose;
         let before = solution.trajectory.before(step);
         let (residual, by_before, by_after) =
-            motion_residual(before, solution.trajectory.poses[step], self.history, step);
-        let weight = precision(self.history, step);
+            motion_residual(before, solution.trajectory.poses[step], self.history.motion(step).mean);
+        let weight = precision(self.history.motion(step).covariance);
         let by_after_weighted = weighted(&by_after, &weight);
         let own = 3 * pose;
         add_triangle(upper, own, &product(&by_after_weighted, &by_after));
@@ -303,8 +303,9 @@ impl<M: MeasurementModel> Graph<'_, M> {
         let mut cost = 0.0;
         for step in self.first_free..solution.trajectory.poses.len() {
             let after = solution.trajectory.poses[step];
-            let (residual, ..) = motion_residual(solution.trajectory.before(step), after, self.history, step);
-            let weighted = apply(&precision(self.history, step), &residual);
+            let motion = self.history.motion(step);
+            let (residual, ..) = motion_residual(solution.trajectory.before(step), after, motion.mean);
+            let weighted = apply(&precision(motion.covariance), &residual);
             cost += 0.5 * (0..3).map(|i| weighted[i] * residual[i]).sum::<f64>();
         }
         for (k, sights) in self.landmarks.iter().enumerate() {
@@ -394,8 +395,7 @@ struct View {
 }
 
 /// How far a motion is from what the odometry says, in the frame of its start, with the derivatives by both poses.
-fn motion_residual(before: Pose, after: Pose, history: &History, step: usize) -> ([f64; 3], Matrix3, Matrix3) {
-    let expected = history.motion(step).mean;
+pub(crate) fn motion_residual(before: Pose, after: Pose, expected: Pose) -> ([f64; 3], Matrix3, Matrix3) {
     let (s, c) = math::sin_cos(before.heading);
     let (dx, dy) = (after.x - before.x, after.y - before.y);
     let (forward, left) = (c * dx + s * dy, c * dy - s * dx);
@@ -407,8 +407,7 @@ fn motion_residual(before: Pose, after: Pose, history: &History, step: usize) ->
 }
 
 /// The precision of a motion in the frame of its start.
-fn precision(history: &History, step: usize) -> Matrix3 {
-    let mut p = history.motion(step).covariance;
+pub(crate) fn precision(mut p: Matrix3) -> Matrix3 {
     (0..3).for_each(|i| p[i][i] += LEAST_VARIANCE[i]);
     let minor = |a: usize, b: usize, c: usize, d: usize| p[a][b] * p[c][d] - p[a][d] * p[c][b];
     let adjugate = [

@@ -19,6 +19,6 @@ mod history;
 pub(crate) use closing::{Closing, RARE};
 pub(crate) use draws::{draw, fill_normal, Drawn, Sampling};
 pub(crate) use drift::Drift;
-pub(crate) use factor::LANES;
-pub(crate) use graph::{by_landmark, Graph, Known, Mode, Sights, Solution};
+pub(crate) use factor::{Factor, UpperTriangle, LANES};
+pub(crate) use graph::{by_landmark, motion_residual, precision, Graph, Known, Mode, Sights, Solution};
 pub(crate) use history::{History, Trajectory, NO_LANDMARK};

@@ -1,0 +1,242 @@
+//! All particles drawn anew from the posterior over the whole path, as least squares has it.
+
+use super::gauge::Gauge;
+use super::graph::{Graph, Mode, Solution};
+use super::place::Place;
+use super::sensing::{Calibration, Request, Sensing};
+use super::PartialSlam;
+use crate::error::Result;
+use crate::filter::PoseEstimate;
+use crate::gaussian::Gaussian;
+use crate::geometry::{Matrix3, Pose, Symmetric2};
+use crate::math;
+use crate::normal::{Cholesky, Matrix, Normal};
+use crate::random::Purpose;
+
+/// Steps between two draws at least, where the configuration does not say.
+const EVERY_STEPS: u32 = 10;
+
+impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
+    /// Whether it is time: after so many steps, and a share of the log so far.
+    pub(super) fn draw_is_due(&self) -> bool {
+        let settings = &self.config.filter.rejuvenation;
+        let every = settings.every_steps.unwrap_or(EVERY_STEPS);
+        let (steps, last) = (self.state.past.steps(), self.state.counters.drawn_at as f64);
+        every > 0 && steps as f64 - last >= f64::from(every).max(settings.growth * last)
+    }
+
+    /// Ends a log: the last draw, with the likeliest path. Tells whether anything changed.
+    pub(super) fn finish_log(&mut self) -> bool {
+        let fresh = self.state.past.steps() as u64 > self.state.counters.drawn_at;
+        self.config.filter.rejuvenation.every_steps != Some(0) && fresh && self.draw_anew().unwrap_or(false)
+    }
+
+    /// Draws all particles anew; false, and nothing is changed, where nothing is placed yet or no solution is found.
+    ///
+    /// **Errors:** those of a sensor of one's own.
+    pub(super) fn draw_anew(&mut self) -> Result<bool> {
+        self.state.counters.drawn_at = self.state.past.steps() as u64;
+        let best = self.state.cloud.particles.best();
+        let here = self.state.cloud.particles.pose(best);
+        let placed: Vec<Option<Gaussian>> =
+            self.state.cloud.maps[best].iter().map(|place| place.placed([here.x, here.y])).collect();
+        let poses: Vec<Pose> = self.state.path.path(best).into_iter().map(|(_, pose)| pose).collect();
+        if placed.iter().all(Option::is_none) || poses.len() != self.state.past.steps() {
+            return Ok(false);
+        }
+        let mut number = 0..;
+        let graph = Graph {
+            past: &self.state.past,
+            sensor: &self.sensor,
+            T_robot_sensor: self.T_robot_sensor,
+            start: self.config.initial_pose.T_world_robot(),
+            likelihood_exponent: self.config.filter.likelihood_exponent,
+            prior: self.prior,
+            number_of: placed.iter().map(|place| place.and_then(|_| number.next())).collect(),
+        };
+        let landmarks = placed.iter().flatten().map(|gaussian| gaussian.mean).collect();
+        let guess = Solution { poses, landmarks, calibration: self.state.cloud.calibrations[best] };
+        let Some(mode) = graph.solve(guess)? else { return Ok(false) };
+        let number_of = graph.number_of;
+        let Some(draws) = self.draws_about(&mode) else { return Ok(false) };
+        let others = self.others(&number_of, &mode.solution)?;
+        self.adopt(&mode.solution, draws, (&number_of, others));
+        Ok(true)
+    }
+
+    /// Draws of what a particle holds, from the Laplace approximation; `None` where that does not hold.
+    ///
+    /// **Why:** a particle's landmark is a Gaussian given its path, of covariance Λ⁻¹ with Λ what the sightings say of it
+    /// alone. The mean of that Gaussian is therefore drawn with Cov(θ) − Λ⁻¹ (the law of total covariance), together with
+    /// the newest pose and the calibration; the paths themselves need not be drawn. Where all of it lies together
+    /// ([`Gauge`]) no later sighting can tell, so the draws do not differ in that. They come in pairs about the mode, whose
+    /// mean is the mode.
+    fn draws_about(&mut self, mode: &Mode) -> Option<Draws> {
+        let Solution { poses, landmarks, calibration } = &mode.solution;
+        let free = self.prior.free();
+        let border = 3 * poses.len();
+        let count = 3 + 2 * landmarks.len() + free.len();
+        let variables: Vec<usize> = (border - 3..border + 2 * landmarks.len() + free.len()).collect();
+        let mut covariance = mode.factor.covariance(&variables);
+        let last = poses[poses.len() - 1];
+        let marginal = std::array::from_fn(|a| std::array::from_fn(|b| covariance[a][b]));
+        let mut given_path = Vec::new();
+        for (k, information) in mode.information.iter().enumerate() {
+            let own = Cholesky::of(information)?.inverse();
+            let of = |a: usize, b: usize| covariance[3 + 2 * k + a][3 + 2 * k + b];
+            let cross = [0, 1].map(|a| [0, 1, 2].map(|b| covariance[3 + 2 * k + a][b]));
+            let relative = given_pose([[of(0, 0), of(0, 1)], [of(1, 0), of(1, 1)]], &cross, &marginal);
+            let relative = Normal { mean: landmarks[k], covariance: relative };
+            Place::One(Gaussian::from(relative)).placed([last.x, last.y])?;
+            given_path.push(Symmetric2::new(own[0][0], own[0][1], own[1][1]));
+            for (a, row) in own.iter().enumerate() {
+                for (b, value) in row.iter().enumerate() {
+                    covariance[3 + 2 * k + a][3 + 2 * k + b] -= value;
+                }
+            }
+        }
+        let gauge = Gauge::of(last, landmarks, &covariance);
+        let root = root(covariance)?;
+        let stream = self.random.stream(Purpose::Rejuvenation, self.state.counters.draws);
+        let spread = self.config.filter.rejuvenation.spread;
+        let one = |particle: usize| {
+            let (two, sign) = ((particle / 2) as u32, if particle.is_multiple_of(2) { spread } else { -spread });
+            let pairs = (0..count.div_ceil(2)).flat_map(|pair| stream.normal_pair(two, pair as u32));
+            let normal: Vec<f64> = pairs.map(|n| sign * n).collect();
+            let mut off: Vec<f64> = root.iter().map(|row| row.iter().zip(&normal).map(|(l, n)| l * n).sum()).collect();
+            gauge.take_out(last, landmarks, &mut off);
+            let pose = Pose::new(last.x + off[0], last.y + off[1], math::wrap_angle(last.heading + off[2]));
+            let landmark = |k: usize| Gaussian {
+                mean: std::array::from_fn(|d| landmarks[k][d] + off[3 + 2 * k + d]),
+                covariance: given_path[k],
+            };
+            let mut drawn = *calibration;
+            for (parameter, d) in free.iter().zip(&off[3 + 2 * landmarks.len()..]) {
+                match parameter {
+                    0 => drawn.scale += d,
+                    _ => drawn.bias += d,
+                }
+            }
+            (pose, (0..landmarks.len()).map(landmark).collect(), drawn)
+        };
+        let draws: Vec<Draw> = (0..self.state.cloud.particles.len()).map(one).collect();
+        let sound = |(pose, map, drawn): &Draw| {
+            pose.is_finite() && map.iter().all(Gaussian::is_usable) && drawn.scale > 0.0 && drawn.bias.is_finite()
+        };
+        draws.iter().all(sound).then_some(Draws { draws, marginal, gauge })
+    }
+
+    /// The landmarks that are not placed, as the likeliest path has heard them so far.
+    fn others(&self, number_of: &[Option<usize>], solution: &Solution) -> Result<Vec<Option<Place>>> {
+        let mut places: Vec<Option<Place>> = vec![None; number_of.len()];
+        for kept in &self.state.past.sightings {
+            let one = kept.heard::<Z>();
+            if number_of[one.slot].is_some() {
+                continue;
+            }
+            let sensor = solution.poses[kept.step as usize].compose(self.T_robot_sensor);
+            let Some(place) = &mut places[one.slot] else {
+                let sighting = (sensor, solution.calibration.corrected(one.measured));
+                let births = self.sensor.births(&[sighting], &one.noise.covariance)?;
+                places[one.slot] = births.first().and_then(|components| Place::born(components));
+                continue;
+            };
+            let request = |mean: [f64; 2]| Request {
+                T_world_sensor: sensor,
+                landmark: mean,
+                measured: one.measured,
+                calibration: solution.calibration,
+            };
+            let requests: Vec<_> = place.parts().iter().map(|part| request(part.gaussian.mean)).collect();
+            place.correct(&self.sensor.look(&requests)?, &one.noise);
+        }
+        Ok(places)
+    }
+
+    /// Makes the draws the particles, and the likeliest path that of all.
+    fn adopt(
+        &mut self,
+        solution: &Solution,
+        draws: Draws,
+        (number_of, others): (&[Option<usize>], Vec<Option<Place>>),
+    ) {
+        let last = solution.poses[solution.poses.len() - 1];
+        self.state.path.replace(&solution.poses, |_| last);
+        let cloud = &mut self.state.cloud;
+        cloud.restart_weights();
+        cloud.particles.score.fill(0.0);
+        cloud.gauge = draws.gauge;
+        cloud.estimate = PoseEstimate { mean: last, covariance: draws.marginal };
+        for (i, (pose, placed, calibration)) in draws.draws.into_iter().enumerate() {
+            cloud.particles.set_pose(i, pose);
+            cloud.calibrations[i] = calibration;
+            for (slot, place) in cloud.maps[i].iter_mut().enumerate() {
+                match (number_of[slot], &others[slot]) {
+                    (Some(k), _) => *place = Place::One(placed[k]),
+                    (None, Some(other)) => *place = other.clone(),
+                    (None, None) => {}
+                }
+            }
+        }
+        self.state.counters.draws += 1;
+    }
+}
+
+/// Pose, placed landmarks and calibration of a particle.
+type Draw = (Pose, Vec<Gaussian>, Calibration);
+
+/// Draws for all particles.
+struct Draws {
+    draws: Vec<Draw>,
+    /// Covariance of the newest pose.
+    marginal: Matrix3,
+    gauge: Gauge,
+}
+
+/// The covariance of a landmark where the newest pose is known.
+fn given_pose(landmark: Matrix<2, 2>, cross: &Matrix<2, 3>, pose: &Matrix<3, 3>) -> Matrix<2, 2> {
+    let Some(factor) = Cholesky::of(pose) else { return landmark };
+    let explained = cross.map(|row| factor.solve(&row));
+    std::array::from_fn(|a| {
+        std::array::from_fn(|b| landmark[a][b] - (0..3).map(|i| explained[a][i] * cross[b][i]).sum::<f64>())
+    })
+}
+
+/// L with L Lᵀ = A for a matrix without negative directions; pivots that rounding left at or below zero span nothing.
+/// `None` for what is no number.
+fn root(a: Vec<Vec<f64>>) -> Option<Vec<Vec<f64>>> {
+    let n = a.len();
+    let mut l = vec![vec![0.0; n]; n];
+    for j in 0..n {
+        let pivot = a[j][j] - l[j][..j].iter().map(|v| v * v).sum::<f64>();
+        if !pivot.is_finite() {
+            return None;
+        }
+        // Less than rounding leaves of the variance itself is nothing.
+        let pivot = if pivot > 1e-12 * a[j][j].abs() { pivot.sqrt() } else { 0.0 };
+        l[j][j] = pivot;
+        for i in j + 1..n {
+            let rest = a[i][j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
+            l[i][j] = if pivot > 0.0 { rest / pivot } else { 0.0 };
+        }
+    }
+    Some(l)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_root_makes_the_matrix_again_also_a_singular_one() {
+        let a = vec![vec![4.0, 2.0, 0.0], vec![2.0, 1.0, 0.0], vec![0.0, 0.0, 9.0]];
+        let l = root(a.clone()).unwrap();
+        for (i, row) in a.iter().enumerate() {
+            for (j, value) in row.iter().enumerate() {
+                let made: f64 = (0..3).map(|k| l[i][k] * l[j][k]).sum();
+                assert!((made - value).abs() < 1e-12, "{l:?}");
+            }
+        }
+        assert!(root(vec![vec![f64::NAN]]).is_none());
+    }
+}

@@ -1,0 +1,131 @@
+//! What the particles say together, and the filter as a run over a log knows it.
+
+use super::sensing::{Calibration, Sensing};
+use super::PartialSlam;
+use crate::association::Appearance;
+use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
+use crate::error::{Error, Result};
+use crate::filter::{MapEstimate, MapLandmark, PoseEstimate, StepInfo};
+use crate::gaussian::Gaussian;
+use crate::geometry::{Pose, Symmetric2};
+use crate::given::Beginning;
+use crate::motion::{MotionGaussian, RowPart};
+use crate::normal::Normal;
+use crate::sighting::Sighting;
+use crate::slam::Slam;
+use crate::store::StoreUsage;
+
+impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
+    /// The map: each landmark as the mixture over all particles and components; confirmed are those that most of the
+    /// weight has placed.
+    pub fn map(&self) -> MapEstimate {
+        let cloud = &self.state.cloud;
+        let landmark = |(slot, name): (usize, &super::state::Name)| {
+            let weighed = cloud.weights.values.iter().enumerate();
+            let parts: Vec<(f64, Normal<2>)> =
+                weighed.clone().map(|(i, weight)| (*weight, cloud.maps[i][slot].moments())).collect();
+            let whole = Gaussian::from(Normal::of_mixture(parts.iter().map(|(weight, part)| (*weight, part))));
+            let (own, more) = (whole.covariance, cloud.gauge.of_landmark(whole.mean));
+            let placed = |i: usize| {
+                let here = cloud.particles.pose(i);
+                cloud.maps[i][slot].placed([here.x, here.y]).is_some()
+            };
+            let mass: f64 = weighed.filter(|(i, _)| placed(*i)).map(|(_, weight)| weight).sum();
+            MapLandmark {
+                birth: slot as u64,
+                identity: Some(name.identity),
+                mean: whole.mean,
+                covariance: Symmetric2::new(own.xx + more.xx, own.xy + more.xy, own.yy + more.yy),
+                sightings: name.sightings,
+                confirmed: mass > 0.5,
+                appearance: Appearance::default(),
+                given: None,
+            }
+        };
+        MapEstimate { landmarks: cloud.names.iter().enumerate().map(landmark).collect() }
+    }
+
+    /// Where a landmark may be, in the best particle: shares with their Gaussians, by identity.
+    pub fn hypotheses(&self, identity: u32) -> Vec<(f64, Gaussian)> {
+        let best = self.state.cloud.particles.best();
+        let slot = self.state.slot_of.get(&identity);
+        let parts = slot.map(|slot| self.state.cloud.maps[best][*slot as usize].parts());
+        parts.into_iter().flatten().map(|part| (crate::math::exp(part.log_share), part.gaussian)).collect()
+    }
+
+    /// Mean of the sensor's calibration over the particles, and its standard deviations.
+    pub fn calibration(&self) -> (Calibration, [f64; 2]) {
+        let cloud = &self.state.cloud;
+        let each = |of: fn(&Calibration) -> f64| {
+            let pairs = cloud.weights.values.iter().zip(&cloud.calibrations);
+            let mean: f64 = pairs.clone().map(|(w, c)| w * of(c)).sum();
+            let variance: f64 = pairs.map(|(w, c)| w * (of(c) - mean).powi(2)).sum();
+            (mean, variance.sqrt())
+        };
+        let ((scale, scale_std), (bias, bias_std)) = (each(|c| c.scale), each(|c| c.bias));
+        (Calibration { scale, bias }, [scale_std, bias_std])
+    }
+}
+
+impl<S: Sensing<Z>, const Z: usize> Slam for PartialSlam<S, Z> {
+    fn begin(&mut self, beginning: &Beginning) -> Result<()> {
+        if beginning.is_empty() {
+            return Ok(());
+        }
+        let expected = "range_bearing: a filter on sightings that do not place a landmark cannot start in a given map";
+        Err(Error::parameter("sensor.model", "range", expected))
+    }
+    fn start(&self) -> Pose {
+        self.config().initial_pose.T_world_robot()
+    }
+    fn advance(&mut self, part: &RowPart) -> Result<()> {
+        PartialSlam::advance(self, part)
+    }
+    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        PartialSlam::update(self, stamp_s, sightings)
+    }
+    fn finish(&mut self) -> bool {
+        self.finish_log()
+    }
+    fn pose(&self) -> PoseEstimate {
+        self.state.cloud.estimate
+    }
+    fn predicted_pose(&mut self) -> PoseEstimate {
+        let beliefs = self.beliefs();
+        self.estimate_beliefs(&beliefs);
+        self.state.cloud.estimate
+    }
+    fn pending_motion(&self) -> MotionGaussian {
+        self.state.cloud.pending
+    }
+    fn weighted_poses(&self) -> Vec<(Pose, f64)> {
+        let weights = self.state.cloud.weights.values.iter().copied();
+        self.beliefs().iter().map(|belief| belief.mean).zip(weights).collect()
+    }
+    fn best_path(&self) -> Vec<(f64, Pose)> {
+        self.state.path.path(self.state.cloud.particles.best())
+    }
+    fn map(&mut self) -> MapEstimate {
+        PartialSlam::map(self)
+    }
+    fn usage(&self) -> StoreUsage {
+        let places = self.state.cloud.maps.iter().flatten();
+        let rows: usize = places.map(|place| place.parts().len()).sum();
+        StoreUsage { rows, bytes: rows * std::mem::size_of::<super::place::Part>() }
+    }
+    fn noise_report(&self) -> NoiseReport {
+        self.state.watch.noise.of_run()
+    }
+    fn two_places(&self) -> Vec<TwoPlaces> {
+        self.state.watch.names.two_places()
+    }
+    fn returns(&self) -> Returns {
+        self.state.watch.returns(0..self.state.cloud.names.len() as u64)
+    }
+    fn save(&self, note: &str) -> Result<Vec<u8>> {
+        PartialSlam::save(self, note)
+    }
+    fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
+        PartialSlam::restore(self, snapshot)
+    }
+}

@@ -1,0 +1,430 @@
+//! The posterior over the whole path, the landmarks that are placed, and the sensor's calibration, as least squares.
+//!
+//! Unknowns are ordered poses first: (x, y, heading) of every step, then (x, y) of every landmark, then scale and bias
+//! of the sensor where they are not known. Gauss–Newton with the sparse factor of [`crate::smoothing`].
+
+use super::past::{Heard, Past};
+use super::sensing::{by_robot, Calibration, Look, Request, Sensing};
+use crate::density::Tail;
+use crate::error::Result;
+use crate::geometry::Pose;
+use crate::math;
+use crate::normal::{product, scaled, Cholesky, Matrix};
+use crate::smoothing::{motion_residual, precision, Factor, UpperTriangle};
+
+/// Iterations at most.
+const ITERATIONS: usize = 15;
+/// An undamped step that moves nothing by more than this (m, rad) is the last.
+const SMALL_STEP: f64 = 1e-3;
+/// With so many columns at the border the order of time is the best there is; with more, a search for one pays.
+const WIDEST_BORDER: usize = 60;
+/// Damping of the steps, relative to the diagonal, until one leads downhill.
+const DAMPING: [f64; 4] = [0.0, 1e-3, 1e-1, 1e1];
+
+/// What is known of the calibration beforehand: its likeliest value, and standard deviations of scale and bias; 0 where
+/// it is known.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Prior {
+    pub mean: Calibration,
+    pub std: [f64; 2],
+}
+
+impl Prior {
+    /// Which of scale and bias are unknown.
+    pub fn free(&self) -> Vec<usize> {
+        (0..2).filter(|p| self.std[*p] > 0.0).collect()
+    }
+}
+
+/// What is to be explained, and by which models.
+pub(super) struct Graph<'a, S: ?Sized> {
+    pub past: &'a Past,
+    pub sensor: &'a S,
+    pub T_robot_sensor: Pose,
+    pub start: Pose,
+    pub likelihood_exponent: f64,
+    pub prior: Prior,
+    /// For every slot, the landmark's number among those of the graph.
+    pub number_of: Vec<Option<usize>>,
+}
+
+/// A path with landmarks and calibration.
+#[derive(Clone, Debug)]
+pub(super) struct Solution {
+    pub poses: Vec<Pose>,
+    pub landmarks: Vec<[f64; 2]>,
+    pub calibration: Calibration,
+}
+
+/// The likeliest solution, and the posterior about it.
+pub(super) struct Mode {
+    pub solution: Solution,
+    pub factor: Factor,
+    /// What the sightings say of each landmark alone, given all else.
+    pub information: Vec<Matrix<2, 2>>,
+}
+
+/// A sighting as the graph sees it.
+struct Seen<const Z: usize> {
+    step: usize,
+    landmark: usize,
+    heard: Heard<Z>,
+}
+
+/// A linearised problem.
+struct System {
+    matrix: UpperTriangle,
+    descent: Vec<f64>,
+    information: Vec<Matrix<2, 2>>,
+}
+
+impl<S: ?Sized> Graph<'_, S> {
+    fn seen<const Z: usize>(&self) -> Vec<Seen<Z>> {
+        let of = |kept: &super::past::Kept| {
+            let heard = kept.heard();
+            Some(Seen { step: kept.step as usize, landmark: self.number_of[heard.slot]?, heard })
+        };
+        self.past.sightings.iter().filter_map(of).collect()
+    }
+
+    /// The mode near a first guess; `None` when no finite solution was found.
+    ///
+    /// **Errors:** those of a sensor of one's own.
+    pub fn solve<const Z: usize>(&self, guess: Solution) -> Result<Option<Mode>>
+    where
+        S: Sensing<Z>,
+    {
+        let seen = self.seen::<Z>();
+        let mut system = self.structure(&seen, guess.landmarks.len());
+        let border = system.descent.len() - 3 * self.past.steps();
+        let factor = if border <= WIDEST_BORDER { Factor::in_order } else { Factor::of_structure };
+        let Some(mut factor) = factor(&system.matrix) else { return Ok(None) };
+        let mut solution = guess;
+        let mut looks = self.look(&solution, &seen)?;
+        let mut cost = self.cost(&solution, &seen, &looks);
+        for _ in 0..ITERATIONS {
+            self.linearize(&solution, (&seen, &looks), &mut system);
+            let mut step_size = f64::INFINITY;
+            for damping in DAMPING {
+                system.matrix.scale_diagonal(1.0 + damping);
+                if factor.factorize(&system.matrix) {
+                    let step = factor.solve(&system.descent);
+                    let moved = self.moved(&solution, &step);
+                    let new_looks = self.look(&moved, &seen)?;
+                    let new_cost = self.cost(&moved, &seen, &new_looks);
+                    if new_cost <= cost {
+                        step_size = step.iter().fold(0.0, |most: f64, s| most.max(s.abs())) + damping;
+                        (solution, looks, cost) = (moved, new_looks, new_cost);
+                        break;
+                    }
+                }
+                system.matrix.scale_diagonal(1.0 / (1.0 + damping));
+            }
+            if !(step_size.is_finite() && step_size >= SMALL_STEP) {
+                break;
+            }
+        }
+        self.linearize(&solution, (&seen, &looks), &mut system);
+        let usable = cost.is_finite() && factor.factorize(&system.matrix);
+        Ok(usable.then_some(Mode { solution, factor, information: system.information }))
+    }
+
+    fn look<const Z: usize>(&self, solution: &Solution, seen: &[Seen<Z>]) -> Result<Vec<Look<Z>>>
+    where
+        S: Sensing<Z>,
+    {
+        let request = |one: &Seen<Z>| Request {
+            T_world_sensor: solution.poses[one.step].compose(self.T_robot_sensor),
+            landmark: solution.landmarks[one.landmark],
+            measured: one.heard.measured,
+            calibration: solution.calibration,
+        };
+        self.sensor.look(&seen.iter().map(request).collect::<Vec<_>>())
+    }
+
+    /// The places of all numbers: a pose's column holds the pose before and its own triangle, a landmark's the poses that
+    /// heard it, the calibration's all of these.
+    fn structure<const Z: usize>(&self, seen: &[Seen<Z>], landmarks: usize) -> System {
+        let (poses, free) = (self.past.steps(), self.prior.free().len());
+        let size = 3 * poses + 2 * landmarks + free;
+        let mut matrix = UpperTriangle { column_starts: vec![0], ..UpperTriangle::default() };
+        for pose in 0..poses {
+            for c in 0..3 {
+                matrix.rows.extend(3 * pose.saturating_sub(1)..3 * pose + c + 1);
+                matrix.column_starts.push(matrix.rows.len());
+            }
+        }
+        let mut hearing: Vec<Vec<usize>> = vec![Vec::new(); landmarks];
+        seen.iter().for_each(|one| hearing[one.landmark].push(one.step));
+        hearing.iter_mut().for_each(Vec::dedup);
+        let mut all: Vec<usize> = seen.iter().map(|one| one.step).collect();
+        all.dedup();
+        for column in 3 * poses..size {
+            let border = column - 3 * poses;
+            let steps = hearing.get(border / 2).unwrap_or(&all);
+            matrix.rows.extend(steps.iter().flat_map(|step| 3 * step..3 * step + 3));
+            let first = if border < 2 * landmarks { column - border % 2 } else { 3 * poses };
+            matrix.rows.extend(first..=column);
+            matrix.column_starts.push(matrix.rows.len());
+        }
+        matrix.values = vec![0.0; matrix.rows.len()];
+        System { matrix, descent: vec![0.0; size], information: vec![[[0.0; 2]; 2]; landmarks] }
+    }
+
+    fn linearize<const Z: usize>(
+        &self,
+        solution: &Solution,
+        (seen, looks): (&[Seen<Z>], &[Look<Z>]),
+        system: &mut System,
+    ) {
+        system.matrix.values.fill(0.0);
+        system.descent.fill(0.0);
+        system.information.fill([[0.0; 2]; 2]);
+        for (step, motion) in self.past.motions.iter().enumerate() {
+            let before = step.checked_sub(1).map_or(self.start, |before| solution.poses[before]);
+            let (residual, by_before, by_after) = motion_residual(before, solution.poses[step], motion.mean);
+            let weight = precision(motion.covariance);
+            let own: [usize; 3] = std::array::from_fn(|i| 3 * step + i);
+            let pulled = residual.map(|r| -r);
+            if step > 0 {
+                let joined: Matrix<3, 6> = std::array::from_fn(|r| {
+                    std::array::from_fn(|c| if c < 3 { by_before[r][c] } else { by_after[r][c - 3] })
+                });
+                let variables: [usize; 6] = std::array::from_fn(|i| 3 * (step - 1) + i);
+                system.add(&variables, &joined, &weight, &pulled);
+            } else {
+                system.add(&own, &by_after, &weight, &pulled);
+            }
+        }
+        let border = 3 * self.past.steps();
+        let free = self.prior.free();
+        for (one, look) in seen.iter().zip(looks) {
+            let Some((weight, _)) = self.weighed(one, look) else { continue };
+            let by_pose = self.by_pose(solution, one, look);
+            let own = border + 2 * one.landmark;
+            let mut variables = [3 * one.step, 3 * one.step + 1, 3 * one.step + 2, own, own + 1, 0, 0];
+            let mut by: Matrix<Z, 7> = std::array::from_fn(|z| {
+                std::array::from_fn(|c| match c {
+                    0..3 => by_pose[z][c],
+                    3..5 => look.by_landmark[z][c - 3],
+                    _ => 0.0,
+                })
+            });
+            for (place, parameter) in free.iter().enumerate() {
+                variables[5 + place] = border + 2 * solution.landmarks.len() + place;
+                by[0][5 + place] = if *parameter == 0 { look.by_scale } else { 1.0 };
+            }
+            let used = 5 + free.len();
+            system.add_some(&variables[..used], &by, &weight, &look.innovation);
+            let own: Matrix<2, 2> = {
+                let weighted = product(&weight, &look.by_landmark);
+                std::array::from_fn(|a| {
+                    std::array::from_fn(|b| (0..Z).map(|z| look.by_landmark[z][a] * weighted[z][b]).sum())
+                })
+            };
+            let information = &mut system.information[one.landmark];
+            *information = crate::normal::sum(information, &own);
+        }
+        for (place, parameter) in free.iter().enumerate() {
+            let column = border + 2 * solution.landmarks.len() + place;
+            let weight = self.prior.std[*parameter].powi(-2);
+            system.add_some(&[column], &[[1.0]], &[[weight]], &[-self.off_prior(solution)[*parameter]]);
+        }
+    }
+
+    /// How far the calibration is from what is known of it.
+    fn off_prior(&self, solution: &Solution) -> [f64; 2] {
+        let (found, known) = (solution.calibration, self.prior.mean);
+        [found.scale - known.scale, found.bias - known.bias]
+    }
+
+    fn by_pose<const Z: usize>(&self, solution: &Solution, one: &Seen<Z>, look: &Look<Z>) -> Matrix<Z, 3> {
+        let robot = solution.poses[one.step];
+        by_robot(&look.by_pose, robot, robot.compose(self.T_robot_sensor))
+    }
+
+    /// The precision that a sighting counts with, and what it costs; `None` where it cannot be computed.
+    fn weighed<const Z: usize>(&self, one: &Seen<Z>, look: &Look<Z>) -> Option<(Matrix<Z, Z>, f64)> {
+        let noise = &one.heard.noise;
+        let factor = Cholesky::of(&noise.covariance)?;
+        let distance: f64 = factor.whitened(&look.innovation).iter().map(|v| v * v).sum();
+        let numbers = Z as f64;
+        let loss = match noise.tail {
+            // The integral of the weight that `noise_scale_of` gives, which is 1 for ordinary sightings.
+            Tail::StudentT(k) if distance > numbers => {
+                0.5 * (numbers + (k + numbers) * math::ln((k + distance) / (k + numbers)))
+            }
+            _ => 0.5 * distance,
+        };
+        let weight = self.likelihood_exponent / noise.tail.noise_scale_of(Z, distance);
+        Some((scaled(&factor.inverse(), weight), self.likelihood_exponent * loss))
+    }
+
+    /// Minus the logarithm of the posterior, up to a constant; infinite where it is not finite.
+    fn cost<const Z: usize>(&self, solution: &Solution, seen: &[Seen<Z>], looks: &[Look<Z>]) -> f64 {
+        let mut cost = 0.0;
+        for (step, motion) in self.past.motions.iter().enumerate() {
+            let before = step.checked_sub(1).map_or(self.start, |before| solution.poses[before]);
+            let (residual, ..) = motion_residual(before, solution.poses[step], motion.mean);
+            let weight = precision(motion.covariance);
+            cost += 0.5
+                * (0..3).map(|a| (0..3).map(|b| residual[a] * weight[a][b] * residual[b]).sum::<f64>()).sum::<f64>();
+        }
+        for (one, look) in seen.iter().zip(looks) {
+            cost += self.weighed(one, look).map_or(f64::INFINITY, |(_, cost)| cost);
+        }
+        let off = self.off_prior(solution);
+        cost += self.prior.free().iter().map(|p| 0.5 * (off[*p] / self.prior.std[*p]).powi(2)).sum::<f64>();
+        if cost.is_finite() && solution.calibration.scale > 0.0 {
+            cost
+        } else {
+            f64::INFINITY
+        }
+    }
+
+    fn moved(&self, solution: &Solution, step: &[f64]) -> Solution {
+        let mut moved = solution.clone();
+        let (poses, border) = step.split_at(3 * solution.poses.len());
+        let (landmarks, calibration) = border.split_at(2 * solution.landmarks.len());
+        for (pose, d) in moved.poses.iter_mut().zip(poses.chunks_exact(3)) {
+            *pose = Pose::new(pose.x + d[0], pose.y + d[1], math::wrap_angle(pose.heading + d[2]));
+        }
+        for (landmark, d) in moved.landmarks.iter_mut().zip(landmarks.chunks_exact(2)) {
+            *landmark = [landmark[0] + d[0], landmark[1] + d[1]];
+        }
+        for (parameter, d) in self.prior.free().into_iter().zip(calibration) {
+            match parameter {
+                0 => moved.calibration.scale += d,
+                _ => moved.calibration.bias += d,
+            }
+        }
+        moved
+    }
+}
+
+impl System {
+    /// Adds ½ (r − J δ)ᵀ W (r − J δ) for the deviations δ of these variables, in ascending order.
+    fn add<const Z: usize, const N: usize>(
+        &mut self,
+        variables: &[usize; N],
+        by: &Matrix<Z, N>,
+        weight: &Matrix<Z, Z>,
+        residual: &[f64; Z],
+    ) {
+        self.add_some(variables, by, weight, residual);
+    }
+
+    /// [`Self::add`] for the first of the columns.
+    fn add_some<const Z: usize, const N: usize>(
+        &mut self,
+        variables: &[usize],
+        by: &Matrix<Z, N>,
+        weight: &Matrix<Z, Z>,
+        residual: &[f64; Z],
+    ) {
+        let weighted = product(weight, by);
+        for (c, column) in variables.iter().enumerate() {
+            self.descent[*column] += (0..Z).map(|z| weighted[z][c] * residual[z]).sum::<f64>();
+            let (start, end) = (self.matrix.column_starts[*column], self.matrix.column_starts[*column + 1]);
+            let rows = &self.matrix.rows[start..end];
+            let mut from = 0;
+            for (r, row) in variables[..=c].iter().enumerate() {
+                from += rows[from..].partition_point(|known| known < row);
+                self.matrix.values[start + from] += (0..Z).map(|z| by[z][r] * weighted[z][c]).sum::<f64>();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::past::Noise;
+    use super::*;
+    use crate::measurement::RangeOnly;
+    use crate::motion::MotionGaussian;
+
+    const MODEL: RangeOnly = RangeOnly { range_std_m: 0.2 };
+    const T_ROBOT_SENSOR: Pose = Pose { x: 0.4, y: -0.1, heading: 0.2 };
+    const TRUE: Calibration = Calibration { scale: 1.07, bias: 0.2 };
+
+    /// A drive around two beacons whose ranges are too long, and a guess that is off.
+    fn example(tail: Tail, noise_m: f64) -> (Past, Solution) {
+        let mut past = Past::default();
+        let covariance = [[0.01, 0.002, 0.001], [0.002, 0.02, 0.003], [0.001, 0.003, 0.005]];
+        let (mean, landmarks) = (Pose::new(1.0, 0.1, 0.3), [[4.0, 3.0], [2.0, -3.0]]);
+        let (mut pose, mut poses) = (Pose::default(), Vec::new());
+        for step in 0..25_u32 {
+            pose = pose.compose(mean);
+            let off = f64::from(step % 3) - 1.0;
+            poses.push(Pose::new(pose.x + 0.1 * off, pose.y - 0.05, pose.heading + 0.03 * off));
+            for (slot, landmark) in landmarks.into_iter().enumerate() {
+                let true_range = MODEL.differentiated(pose.compose(T_ROBOT_SENSOR), landmark);
+                let measured = TRUE.reported([true_range + noise_m * off]);
+                past.heard(&Heard { slot, measured, noise: Noise { covariance: [[0.04]], tail } });
+            }
+            past.step_done(MotionGaussian { mean, covariance });
+        }
+        (past, Solution { poses, landmarks: vec![[4.2, 2.7], [1.8, -3.3]], calibration: Calibration::NONE })
+    }
+
+    impl RangeOnly {
+        fn differentiated(&self, sensor: Pose, landmark: [f64; 2]) -> f64 {
+            crate::measurement::Observation::differentiate(self, sensor, landmark).expected[0]
+        }
+    }
+
+    fn graph(past: &Past) -> Graph<'_, RangeOnly> {
+        Graph {
+            past,
+            sensor: &MODEL,
+            T_robot_sensor: T_ROBOT_SENSOR,
+            start: Pose::default(),
+            likelihood_exponent: 0.7,
+            prior: Prior { mean: Calibration::NONE, std: [0.1, 1.0] },
+            number_of: vec![Some(0), Some(1)],
+        }
+    }
+
+    #[test]
+    fn the_descent_is_minus_the_gradient_of_the_cost() {
+        for tail in [Tail::Gaussian, Tail::StudentT(4.0)] {
+            let (past, solution) = example(tail, 0.3);
+            let graph = graph(&past);
+            let seen = graph.seen::<1>();
+            let mut system = graph.structure(&seen, 2);
+            let looks = graph.look(&solution, &seen).unwrap();
+            graph.linearize(&solution, (&seen, &looks), &mut system);
+            assert_eq!(system.descent.len(), 75 + 4 + 2);
+            for i in 0..system.descent.len() {
+                let h = 1e-6;
+                let cost = |sign: f64| {
+                    let mut step = vec![0.0; system.descent.len()];
+                    step[i] = sign * h;
+                    let moved = graph.moved(&solution, &step);
+                    graph.cost(&moved, &seen, &graph.look(&moved, &seen).unwrap())
+                };
+                let numeric = (cost(-1.0) - cost(1.0)) / (2.0 * h);
+                let found = system.descent[i];
+                assert!((numeric - found).abs() < 1e-5 * (1.0 + numeric.abs()), "{tail:?} {i}: {numeric} {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_calibration_and_the_places_are_found() {
+        let (past, guess) = example(Tail::Gaussian, 0.0);
+        let mode = graph(&past).solve::<1>(guess).unwrap().unwrap();
+        let Solution { landmarks, calibration, .. } = &mode.solution;
+        assert!((calibration.scale - TRUE.scale).abs() < 0.01 && (calibration.bias - TRUE.bias).abs() < 0.05);
+        // What is known beforehand of scale and bias pulls at them.
+        assert!((landmarks[0][0] - 4.0).hypot(landmarks[0][1] - 3.0) < 0.1, "{landmarks:?}");
+        assert!((landmarks[1][0] - 2.0).hypot(landmarks[1][1] + 3.0) < 0.1, "{landmarks:?}");
+    }
+
+    #[test]
+    fn a_guess_that_is_no_number_gives_no_mode() {
+        let (past, mut guess) = example(Tail::Gaussian, 0.0);
+        guess.landmarks[0] = [f64::NAN, 0.0];
+        assert!(graph(&past).solve::<1>(guess).unwrap().is_none());
+    }
+}

@@ -1,0 +1,200 @@
+//! The particle filter for sensors of which one sighting does not place a landmark: range alone, bearing alone, or a
+//! sensor of one's own. Landmarks are known by name.
+//!
+//! As in FastSLAM a particle is a path with a map of independent landmarks; here a landmark may be a mixture of Gaussians
+//! ([`place`]): a ring or a ray, of which the evidence leaves one. Scale and bias of the sensor are part of a particle.
+//! What is lost by resampling is drawn anew from the posterior over the whole path ([`graph`], [`anew`]).
+//!
+//! It is a filter beside [`crate::filter::FastSlam`], and not a case of it, since there a landmark is one row of fixed
+//! columns in kernels over all particles, which is what makes it fast; see `docs/adr/0008-partial-sensors.md`.
+//!
+//! **Source:** `blanco2008efficient` for rings of Gaussians within particles.
+
+mod anew;
+mod estimate;
+mod gauge;
+mod graph;
+mod past;
+mod place;
+mod scan;
+mod sensing;
+mod state;
+
+pub use sensing::{Calibration, Look, Request, Sensing};
+
+use crate::association::Identities;
+use crate::belief::Belief;
+use crate::config::{Algorithm, AssociationMode, Config, ParticleNumber};
+use crate::error::{Error, Result};
+use crate::filter::{draw_pose, StepInfo};
+use crate::geometry::Pose;
+use crate::limits::LARGEST_STATE;
+use crate::measurement::RangeOnly;
+use crate::motion::RowPart;
+use crate::random::{Purpose, RandomSource};
+use crate::sighting::Sighting;
+use crate::snapshot::{content, open, seal, Head, Holds};
+use crate::workers::Workers;
+use graph::Prior;
+use state::{Cloud, State};
+
+/// What a sensor that reports ranges alone may be off by where the configuration does not say: 5 % and half a metre.
+const USUAL_STD: [f64; 2] = [0.05, 0.5];
+
+/// FastSLAM with landmarks that a sighting does not place.
+///
+/// ```
+/// use fastslam_core::{config::Config, measurement::SensorModel, partial::PartialSlam, sighting::Sighting};
+/// let mut config = Config::default();
+/// config.sensor.model = SensorModel::Range;
+/// let mut filter = PartialSlam::range_only(config)?;
+/// filter.update(0.0, &[Sighting::range(4.0, Some(7))])?;
+/// assert!(!filter.map().landmarks[0].confirmed); // Somewhere on a ring.
+/// # Ok::<(), fastslam_core::error::Error>(())
+/// ```
+pub struct PartialSlam<S, const Z: usize> {
+    config: Config,
+    sensor: S,
+    T_robot_sensor: Pose,
+    prior: Prior,
+    random: RandomSource,
+    workers: Workers,
+    state: State,
+}
+
+impl PartialSlam<RangeOnly, 1> {
+    /// A filter on ranges alone, at the configured initial pose with an empty map.
+    ///
+    /// **Errors:** an invalid configuration, or one that asks for what this filter cannot do.
+    pub fn range_only(config: Config) -> Result<Self> {
+        let model = RangeOnly { range_std_m: config.sensor.range_std_m };
+        let std = [config.sensor.range_scale_std, config.sensor.range_bias_std_m];
+        let std = std::array::from_fn(|i| std[i].unwrap_or(USUAL_STD[i]));
+        let mean = Calibration { scale: config.sensor.range_scale, bias: config.sensor.range_bias_m };
+        Self::with_sensor(config, model, Prior { mean, std })
+    }
+}
+
+impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
+    /// A filter for a sensor of one's own that reports what is true; it brings its own noise, and of `Config::sensor`
+    /// the limits, the tail and the mounting count.
+    ///
+    /// **Errors:** as [`PartialSlam::range_only`].
+    pub fn new(config: Config, sensor: S) -> Result<Self> {
+        Self::with_sensor(config, sensor, Prior { mean: Calibration::NONE, std: [0.0; 2] })
+    }
+
+    fn with_sensor(config: Config, sensor: S, prior: Prior) -> Result<Self> {
+        config.validate()?;
+        check(&config)?;
+        let random = RandomSource::new(config.seed);
+        let state = State::new(&config, vec![prior.mean; config.filter.particles as usize]);
+        let workers = Workers::new(1)?;
+        let T_robot_sensor = config.sensor.mounting.T_robot_sensor();
+        Ok(Self { config, sensor, T_robot_sensor, prior, random, workers, state })
+    }
+
+    /// The configuration in force.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Moves the robot by a row of odometry, or a part of it.
+    ///
+    /// **Errors:** [`Error::Input`] for a control that no robot could follow; the filter is then as it was.
+    pub fn advance(&mut self, part: &RowPart) -> Result<()> {
+        let motion = self.config.motion.of(part)?;
+        self.state.cloud.pending = self.state.cloud.pending.then(&motion).checked(part)?;
+        Ok(())
+    }
+
+    /// Processes all sightings of one stamp (there may be none).
+    ///
+    /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings, [`Error::NotFinite`] when the step
+    /// would leave a number that is none, and what a sensor of one's own reports. The filter then goes on without the
+    /// scan.
+    pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        let before = self.state.cloud.clone();
+        let kept = self.state.past.sightings.len();
+        let mut ancestors = None;
+        let done = self.take_in(stamp_s, sightings, &mut ancestors);
+        if done.is_err() {
+            self.go_back(before, ancestors, kept);
+        }
+        done
+    }
+
+    /// Forgets a scan: the particles are as before it, but for those that resampling has chosen.
+    fn go_back(&mut self, before: Cloud, ancestors: Option<Vec<u32>>, kept: usize) {
+        self.state.cloud = before;
+        self.state.past.cut(kept);
+        let known = self.state.cloud.names.len() as u32;
+        self.state.slot_of.retain(|_, slot| *slot < known);
+        if let Some(ancestors) = ancestors {
+            self.state.cloud.resample(&ancestors);
+        }
+    }
+
+    /// Draws the poses from the beliefs. As long as nothing is weighed the first particle is where it most likely is, so
+    /// that a first guess of the path is at hand.
+    fn sample(&mut self, beliefs: &[Belief]) {
+        let learning = self.is_learning();
+        let stream = self.random.stream(Purpose::Proposal, self.state.counters.samplings);
+        for (i, belief) in beliefs.iter().enumerate() {
+            let ([a, b], [c, _]) = (stream.normal_pair(i as u32, 0), stream.normal_pair(i as u32, 1));
+            let likeliest = learning && i == 0;
+            let pose = if likeliest { belief.mean } else { draw_pose(belief, [a, b, c]) };
+            self.state.cloud.particles.set_pose(i, pose);
+        }
+        self.state.counters.samplings += 1;
+    }
+
+    /// Errors unless all numbers of the particles can be computed with.
+    fn check_numbers(&self) -> Result<()> {
+        let step = self.state.counters.steps;
+        let cloud = &self.state.cloud;
+        let sound = |values: &[f64]| values.iter().all(|v| v.abs() <= LARGEST_STATE);
+        let Cloud { particles, maps, .. } = cloud;
+        for (what, sound) in [
+            ("a pose", sound(&particles.x) && sound(&particles.y) && sound(&particles.heading)),
+            ("the pose", sound(&cloud.estimate.mean.to_array()) && cloud.estimate.covariance.iter().all(|r| sound(r))),
+            ("a landmark", maps.iter().flatten().all(place::Place::is_usable)),
+        ] {
+            if !sound {
+                return Err(Error::NotFinite { step, what });
+            }
+        }
+        Ok(())
+    }
+
+    /// The state as bytes, from which [`PartialSlam::restore`] goes on to the same bits; `note` is kept in its head.
+    pub fn save(&self, note: &str) -> Result<Vec<u8>> {
+        seal(&Head::new(&self.config, Identities::All, note)?, &self.state)
+    }
+
+    /// Takes over a state that was saved by a filter of this configuration and sensor.
+    ///
+    /// **Errors:** [`Error::Input`] when the bytes are no snapshot, of another format, damaged, or of another
+    /// configuration; the filter is then as it was.
+    pub fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
+        let (head, stored) = open(snapshot, Holds::Filter)?;
+        head.check(&self.config, Identities::All)?;
+        self.state = content(&stored)?;
+        Ok(())
+    }
+}
+
+/// Errors that name what this filter cannot do.
+fn check(config: &Config) -> Result<()> {
+    let only = "with sensors that do not place a landmark";
+    if config.algorithm == Algorithm::Ekf {
+        return Err(Error::parameter("algorithm", "ekf", format!("fastslam1 or fastslam2 {only}")));
+    }
+    if config.association.mode == AssociationMode::Unknown {
+        return Err(Error::parameter("association.mode", "unknown", format!("known identities {only}")));
+    }
+    if config.filter.adaptive.number != ParticleNumber::Fixed {
+        return Err(Error::parameter("filter.adaptive.number", "kld", format!("fixed {only}")));
+    }
+    Ok(())
+}

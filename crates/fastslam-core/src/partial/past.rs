@@ -1,0 +1,93 @@
+//! What was driven and heard so far, from which the whole path follows by least squares.
+
+use crate::density::Tail;
+use crate::geometry::Symmetric2;
+use crate::motion::MotionGaussian;
+use crate::normal::Matrix;
+use serde::{Deserialize, Serialize};
+
+/// The noise of a sighting.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Noise<const Z: usize> {
+    pub covariance: Matrix<Z, Z>,
+    pub tail: Tail,
+}
+
+/// A sighting of a landmark that has a slot.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Heard<const Z: usize> {
+    pub slot: usize,
+    /// As reported.
+    pub measured: [f64; Z],
+    pub noise: Noise<Z>,
+}
+
+/// A sighting as it is kept, of one number or two.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) struct Kept {
+    pub step: u32,
+    slot: u32,
+    value: [f64; 2],
+    noise: Symmetric2,
+    tail: Tail,
+}
+
+impl Kept {
+    fn of<const Z: usize>(heard: &Heard<Z>, step: u32) -> Self {
+        let (value, covariance) = (&heard.measured, &heard.noise.covariance);
+        let (last, cross) = if Z > 1 { (1, covariance[0][Z - 1]) } else { (0, 0.0) };
+        Self {
+            step,
+            slot: heard.slot as u32,
+            value: [value[0], value[last]],
+            noise: Symmetric2::new(covariance[0][0], cross, covariance[last][last]),
+            tail: heard.noise.tail,
+        }
+    }
+
+    /// As it was heard.
+    pub fn heard<const Z: usize>(&self) -> Heard<Z> {
+        Heard {
+            slot: self.slot as usize,
+            measured: std::array::from_fn(|i| self.value[i]),
+            noise: Noise { covariance: numbers(self.noise), tail: self.tail },
+        }
+    }
+}
+
+/// The first `Z` rows and columns, one or two.
+pub(super) fn numbers<const Z: usize>(Symmetric2 { xx, xy, yy }: Symmetric2) -> Matrix<Z, Z> {
+    let full = [[xx, xy], [xy, yy]];
+    std::array::from_fn(|a| std::array::from_fn(|b| full[a][b]))
+}
+
+/// Motions and sightings by step; a step is a pose of the path.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(super) struct Past {
+    /// The motion that led to each step.
+    pub motions: Vec<MotionGaussian>,
+    /// In the order of time.
+    pub sightings: Vec<Kept>,
+}
+
+impl Past {
+    /// The sightings of the step that is about to end.
+    pub fn heard<const Z: usize>(&mut self, heard: &Heard<Z>) {
+        self.sightings.push(Kept::of(heard, self.motions.len() as u32));
+    }
+
+    /// Ends a step.
+    pub fn step_done(&mut self, motion: MotionGaussian) {
+        self.motions.push(motion);
+    }
+
+    /// Forgets sightings of a step that did not end.
+    pub fn cut(&mut self, sightings: usize) {
+        self.sightings.truncate(sightings);
+    }
+
+    /// Steps so far.
+    pub fn steps(&self) -> usize {
+        self.motions.len()
+    }
+}

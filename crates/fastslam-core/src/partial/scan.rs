@@ -1,0 +1,381 @@
+//! One scan: propose, weigh, resample, sample, correct.
+
+use super::past::{numbers, Heard, Noise};
+use super::place::{spread_of, Part, Place};
+use super::sensing::{by_robot, Look, Request, Sensing};
+use super::state::Name;
+use super::PartialSlam;
+use crate::belief::Belief;
+use crate::config::Algorithm;
+use crate::diagnosis::health::Vitals;
+use crate::diagnosis::innovations::PredictedScan;
+use crate::error::Result;
+use crate::filter::{mixture, StepInfo};
+use crate::gaussian::Gaussian;
+use crate::geometry::{moved_by, Pose};
+use crate::limits::{LEAST, LONGEST_M};
+use crate::math;
+use crate::motion::MotionGaussian;
+use crate::normal::{fit, scaled, sum, Cholesky, Matrix, Normal};
+use crate::random::Purpose;
+use crate::resampling::resample;
+use crate::sighting::{Sighting, Skipped};
+
+/// Above this spread of the heading the motion since the last sighting is sampled rather than linearised on.
+const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;
+/// Innovations are examined where so much of the weight has the landmark placed.
+const PLACED_BY_MOST: f64 = 0.5;
+
+/// A sighting that can be used.
+#[derive(Clone, Copy, Debug)]
+struct Named<const Z: usize> {
+    identity: u32,
+    measured: [f64; Z],
+    noise: Noise<Z>,
+}
+
+impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
+    pub(super) fn take_in(
+        &mut self,
+        stamp_s: f64,
+        sightings: &[Sighting],
+        ancestors: &mut Option<Vec<u32>>,
+    ) -> Result<StepInfo> {
+        let mut info = StepInfo { step: self.state.counters.steps, ..StepInfo::default() };
+        let rounds = self.rounds(sightings, &mut info.skipped);
+        info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
+        let births_before = self.state.cloud.names.len() as u64;
+        self.state.watch.begin(stamp_s, info.sightings);
+        let pending_std = self.state.cloud.pending.covariance[2][2].sqrt();
+        info.sampled = info.sightings > 0 || pending_std >= LARGEST_LINEARISED_HEADING_STD_RAD;
+        if info.sampled {
+            let motion = self.state.cloud.pending;
+            for round in &rounds {
+                self.process(round, ancestors, &mut info)?;
+            }
+            self.check_numbers()?;
+            let particles = &self.state.cloud.particles;
+            self.state.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
+            self.state.past.step_done(motion);
+            if self.draw_is_due() {
+                info.rejuvenated = self.draw_anew()?;
+            }
+        } else {
+            info.effective_sample_size = 1.0 / self.state.cloud.weights.values.iter().map(|w| w * w).sum::<f64>();
+            let beliefs = self.beliefs();
+            self.estimate_beliefs(&beliefs);
+        }
+        info.landmarks = self.state.cloud.names.len() as u32;
+        self.judge_health(stamp_s, births_before, &mut info);
+        self.state.counters.steps += 1;
+        Ok(info)
+    }
+
+    /// The usable sightings, in rounds that hear each landmark once at most; one round at least.
+    ///
+    /// **Why:** two sightings of one landmark are not independent given the pose's prior: the second waits for the first.
+    fn rounds(&self, sightings: &[Sighting], skipped: &mut Skipped) -> Vec<Vec<Named<Z>>> {
+        let mut rounds: Vec<Vec<Named<Z>>> = vec![Vec::new()];
+        for sighting in sightings {
+            let Some(named) = self.usable(sighting, skipped) else { continue };
+            let free = |round: &&mut Vec<Named<Z>>| round.iter().all(|other| other.identity != named.identity);
+            match rounds.iter_mut().find(free) {
+                Some(round) => round.push(named),
+                None => rounds.push(vec![named]),
+            }
+        }
+        rounds
+    }
+
+    /// A sighting that can be used; others are counted by reason.
+    fn usable(&self, sighting: &Sighting, skipped: &mut Skipped) -> Option<Named<Z>> {
+        let sensor = &self.config.sensor;
+        let measured: [f64; Z] = std::array::from_fn(|i| sighting.value[i]);
+        let size = self.prior.mean.corrected(measured)[0];
+        let noise = sighting.noise.map(numbers::<Z>);
+        let sized = |c: &Matrix<Z, Z>| {
+            (0..Z).all(|i| (LEAST * LEAST..=LONGEST_M * LONGEST_M).contains(&c[i][i])) && Cholesky::of(c).is_some()
+        };
+        if !measured.iter().all(|v| v.is_finite()) {
+            skipped.not_finite += 1;
+        } else if size < sensor.min_range_m {
+            skipped.too_near += 1;
+        } else if size > sensor.max_range_m {
+            skipped.too_far += 1;
+        } else if sighting.identity.is_none() {
+            skipped.without_identity += 1;
+        } else if noise.is_some_and(|c| !sized(&c)) {
+            skipped.bad_covariance += 1;
+        } else {
+            let noise = Noise { covariance: noise.unwrap_or(self.sensor.noise()), tail: sensor.tail() };
+            return Some(Named { identity: sighting.identity?, measured, noise });
+        }
+        None
+    }
+
+    /// What the particles believe of their poses after the motion since the last sampling.
+    pub(super) fn beliefs(&self) -> Vec<Belief> {
+        let cloud = &self.state.cloud;
+        let belief = |i: usize| {
+            let pose = cloud.particles.pose(i);
+            let (mean, _) = moved_by(pose, cloud.pending.mean);
+            Belief { mean, covariance: cloud.pending.covariance_in_world(pose.heading) }
+        };
+        (0..cloud.particles.len()).map(belief).collect()
+    }
+
+    /// One scan that hears each landmark once at most.
+    fn process(&mut self, round: &[Named<Z>], ancestors: &mut Option<Vec<u32>>, info: &mut StepInfo) -> Result<()> {
+        let mut beliefs = self.beliefs();
+        self.state.cloud.pending = MotionGaussian::default();
+        let heard = self.give_slots(round);
+        let uncalibrated = heard.iter().map(|one| self.uncalibrated(one)).collect::<Vec<_>>();
+        let (known, new): (Vec<_>, Vec<_>) = uncalibrated.into_iter().partition(|one| one.slot < self.known_slots());
+        if self.config.algorithm != Algorithm::Fastslam1 && !self.is_learning() {
+            for one in &known {
+                self.refine(one, &mut beliefs)?;
+            }
+        }
+        self.estimate_weighed(&beliefs, info)?;
+        if let Some(drawn) = self.resampled(info) {
+            beliefs = drawn.iter().map(|a| beliefs[*a as usize]).collect();
+            *ancestors = Some(match ancestors.take() {
+                Some(earlier) => drawn.iter().map(|a| earlier[*a as usize]).collect(),
+                None => drawn,
+            });
+        }
+        self.sample(&beliefs);
+        let mut weighed = false;
+        for one in &known {
+            weighed |= self.correct(one)?;
+        }
+        for one in &new {
+            self.give_birth(one)?;
+            info.new_landmarks += 1;
+        }
+        for one in &heard {
+            self.state.past.heard(one);
+            self.state.cloud.names[one.slot].sightings += 1;
+        }
+        if weighed {
+            let before = self.state.cloud.weights.log_mean;
+            self.weights_now()?;
+            info.log_likelihood += self.state.cloud.weights.log_mean - before;
+            self.estimate_particles();
+        }
+        Ok(())
+    }
+
+    /// Landmarks that all maps hold.
+    fn known_slots(&self) -> usize {
+        self.state.cloud.maps.first().map_or(0, Vec::len)
+    }
+
+    /// The sightings with the slots of their landmarks; new ones get the next free.
+    fn give_slots(&mut self, round: &[Named<Z>]) -> Vec<Heard<Z>> {
+        let slot = |named: &Named<Z>| {
+            let (names, next) = (&mut self.state.cloud.names, self.state.slot_of.len() as u32);
+            let slot = *self.state.slot_of.entry(named.identity).or_insert(next);
+            if slot as usize == names.len() {
+                names.push(Name { identity: named.identity, sightings: 0 });
+            }
+            Heard { slot: slot as usize, measured: named.measured, noise: named.noise }
+        };
+        round.iter().map(slot).collect()
+    }
+
+    /// Whether the calibration is still to be learned: until the first draw.
+    ///
+    /// **Why nothing is weighed until then:** the error of the calibration is the same in all sightings, which particles
+    /// with a calibration of their own outlive only by a wrong path that happens to fit, and as noise it would count as if
+    /// it were new every time. The path is that of the odometry, and landmarks are placed along it.
+    pub(super) fn is_learning(&self) -> bool {
+        self.state.counters.draws == 0 && self.prior.std != [0.0; 2]
+    }
+
+    /// A sighting as uncertain as the calibration, as long as that is to be learned.
+    fn uncalibrated(&self, one: &Heard<Z>) -> Heard<Z> {
+        let mut one = *one;
+        if self.is_learning() {
+            let (range, [scale_std, bias_std]) = (self.prior.mean.corrected(one.measured)[0], self.prior.std);
+            one.noise.covariance[0][0] += (scale_std * range).powi(2) + bias_std * bias_std;
+        }
+        one
+    }
+
+    /// Normalises the weights and gives the estimate of the beliefs.
+    fn estimate_weighed(&mut self, beliefs: &[Belief], info: &mut StepInfo) -> Result<()> {
+        let before = self.state.cloud.weights.log_mean;
+        self.weights_now()?;
+        info.log_likelihood += self.state.cloud.weights.log_mean - before;
+        info.effective_sample_size = self.state.cloud.weights.effective_sample_size;
+        self.estimate_beliefs(beliefs);
+        Ok(())
+    }
+
+    fn weights_now(&mut self) -> Result<()> {
+        let cloud = &mut self.state.cloud;
+        cloud.weights.normalize(&cloud.particles.log_weight, self.state.counters.steps)
+    }
+
+    /// Refines the beliefs by a sighting of a landmark, in the particles that have it placed, and weighs these.
+    ///
+    /// **Source:** as [`Belief::refine`], for any number of numbers; in the others the pose stays proposed by the motion.
+    fn refine(&mut self, one: &Heard<Z>, beliefs: &mut [Belief]) -> Result<()> {
+        let holders: Vec<(usize, Gaussian)> = (0..beliefs.len())
+            .filter_map(|i| match &self.state.cloud.maps[i][one.slot] {
+                Place::One(gaussian) => Some((i, *gaussian)),
+                Place::Many(_) => None,
+            })
+            .collect();
+        let request = |(i, gaussian): &(usize, Gaussian)| {
+            self.request(one, beliefs[*i].mean.compose(self.T_robot_sensor), *i, gaussian.mean)
+        };
+        let looks = self.sensor.look(&holders.iter().map(request).collect::<Vec<_>>())?;
+        let mut predicted = Vec::with_capacity(holders.len());
+        for ((i, gaussian), look) in holders.iter().zip(&looks) {
+            let belief = &mut beliefs[*i];
+            let by_pose = by_robot(&look.by_pose, belief.mean, belief.mean.compose(self.T_robot_sensor));
+            let q = spread_of(look, gaussian, &one.noise.covariance);
+            let s = sum(&crate::normal::congruence(&by_pose, &belief.covariance), &q);
+            let Some(fitted) = fit(&look.innovation, &s, one.noise.tail).filter(|fit| fit.log_likelihood.is_finite())
+            else {
+                self.state.cloud.weigh(*i, f64::NEG_INFINITY);
+                continue;
+            };
+            let more = one.noise.tail.noise_scale_of(Z, fitted.mahalanobis_squared) - 1.0;
+            let q = sum(&q, &scaled(&one.noise.covariance, more));
+            if let Some(change) = Normal::given(&belief.covariance, &by_pose, &look.innovation, &q) {
+                let [x, y, heading] = change.mean;
+                let mean = belief.mean;
+                let heading = math::wrap_angle(mean.heading + heading);
+                *belief = Belief { mean: Pose::new(mean.x + x, mean.y + y, heading), covariance: change.covariance };
+            }
+            predicted.push((self.state.cloud.weights.values[*i], look.innovation, s, gaussian.mean));
+            self.state.cloud.weigh(*i, self.config.filter.likelihood_exponent * fitted.log_likelihood);
+        }
+        self.examine(one, &predicted);
+        Ok(())
+    }
+
+    pub(super) fn request(&self, one: &Heard<Z>, sensor: Pose, particle: usize, landmark: [f64; 2]) -> Request<Z> {
+        let calibration = self.state.cloud.calibrations[particle];
+        Request { T_world_sensor: sensor, landmark, measured: one.measured, calibration }
+    }
+
+    /// Hands the watch what the particles together predicted of a landmark that most have placed.
+    fn examine(&mut self, one: &Heard<Z>, predicted: &[(f64, [f64; Z], Matrix<Z, Z>, [f64; 2])]) {
+        let mass: f64 = predicted.iter().map(|(weight, ..)| weight).sum();
+        if !(mass > PLACED_BY_MOST) {
+            return;
+        }
+        let parts: Vec<(f64, Normal<Z>)> = predicted
+            .iter()
+            .map(|(weight, innovation, s, _)| (weight / mass, Normal { mean: *innovation, covariance: *s }))
+            .collect();
+        let whole = Normal::of_mixture(parts.iter().map(|(share, part)| (*share, part)));
+        let mut scan = PredictedScan { size: Z, ..PredictedScan::default() };
+        for a in 0..Z {
+            scan.innovation[a] = whole.mean[a];
+            scan.covariance[a][..Z].copy_from_slice(&whole.covariance[a]);
+        }
+        self.state.watch.noise.add(&scan);
+        let place = std::array::from_fn(|d| predicted.iter().map(|(w, _, _, mean)| w / mass * mean[d]).sum());
+        self.state.watch.matched(std::iter::once((place, one.slot as u64)), 1);
+    }
+
+    /// Resamples if the effective sample size says so, and tells who became whom.
+    fn resampled(&mut self, info: &mut StepInfo) -> Option<Vec<u32>> {
+        let settings = &self.config.filter.resampling;
+        let count = self.state.cloud.particles.len();
+        let low = settings.threshold >= 1.0 || info.effective_sample_size < settings.threshold * count as f64;
+        if info.sightings == 0 || !low {
+            return None;
+        }
+        let stream = self.random.stream(Purpose::Resampling, self.state.counters.samplings);
+        let mut drawn = Vec::new();
+        resample(settings.scheme, &self.state.cloud.weights.values, count, stream, &mut drawn);
+        self.state.cloud.resample(&drawn);
+        self.state.path.resample(&drawn);
+        info.resampled = true;
+        Some(drawn)
+    }
+
+    /// Corrects a landmark in all maps at the sampled poses; tells whether that has weighed the particles.
+    fn correct(&mut self, one: &Heard<Z>) -> Result<bool> {
+        let cloud = &self.state.cloud;
+        let count = cloud.particles.len();
+        let held: Vec<Vec<Part>> = (0..count).map(|i| cloud.maps[i][one.slot].parts()).collect();
+        let mut requests = Vec::with_capacity(count);
+        for (i, parts) in held.iter().enumerate() {
+            let sensor = cloud.particles.pose(i).compose(self.T_robot_sensor);
+            requests.extend(parts.iter().map(|part| self.request(one, sensor, i, part.gaussian.mean)));
+        }
+        let looks = self.sensor.look(&requests)?;
+        let (mut from, mut weighed) = (0, false);
+        let (weighs_all, learning) = (self.config.algorithm == Algorithm::Fastslam1, self.is_learning());
+        for (i, parts) in held.iter().enumerate() {
+            let looks: &[Look<Z>] = &looks[from..from + parts.len()];
+            from += parts.len();
+            let place = &mut self.state.cloud.maps[i][one.slot];
+            let weighs = !learning && (weighs_all || matches!(place, Place::Many(_)));
+            let likelihood = place.correct(looks, &one.noise);
+            if weighs {
+                weighed = true;
+                self.state.cloud.weigh(i, self.config.filter.likelihood_exponent * likelihood);
+            }
+        }
+        Ok(weighed)
+    }
+
+    /// A landmark that is sighted for the first time.
+    fn give_birth(&mut self, one: &Heard<Z>) -> Result<()> {
+        let cloud = &self.state.cloud;
+        let from = |i: usize| {
+            let sensor = cloud.particles.pose(i).compose(self.T_robot_sensor);
+            (sensor, cloud.calibrations[i].corrected(one.measured))
+        };
+        let sightings: Vec<_> = (0..cloud.particles.len()).map(from).collect();
+        let births = self.sensor.births(&sightings, &one.noise.covariance)?;
+        let places: Option<Vec<Place>> = births.iter().map(|components| Place::born(components)).collect();
+        let what = "a new landmark";
+        let places = places.ok_or(crate::error::Error::NotFinite { step: self.state.counters.steps, what })?;
+        self.state.cloud.maps.iter_mut().zip(places).for_each(|(map, place)| map.push(place));
+        Ok(())
+    }
+
+    pub(super) fn estimate_beliefs(&mut self, beliefs: &[Belief]) {
+        let cloud = &mut self.state.cloud;
+        cloud.take_estimate(mixture(&cloud.weights.values, |i| (beliefs[i].mean, beliefs[i].covariance)));
+    }
+
+    fn estimate_particles(&mut self) {
+        let cloud = &mut self.state.cloud;
+        cloud.take_estimate(mixture(&cloud.weights.values, |i| (cloud.particles.pose(i), [[0.0; 3]; 3])));
+    }
+
+    /// Gives the verdict on a step.
+    fn judge_health(&mut self, stamp_s: f64, births_before: u64, info: &mut StepInfo) {
+        let cloud = &self.state.cloud;
+        let particles = cloud.particles.len();
+        let vitals = Vitals {
+            stamp_s,
+            particles,
+            effective_sample_size: info.effective_sample_size,
+            T_world_robot: cloud.estimate.mean,
+            pose_covariance: cloud.estimate.covariance,
+            births_before,
+            names_known: true,
+            map_in_view: None,
+        };
+        let watch = &mut self.state.watch;
+        (info.particles, info.matched) = (particles as u32, watch.matches() as u32);
+        if watch.noise.is_report_due() {
+            self.state.noise_report = watch.noise.of_window();
+        }
+        let report = &self.state.noise_report;
+        (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
+        // The watch was told where the landmarks are, not what was measured.
+        info.health = watch.judge(&vitals, |_, place| place);
+    }
+}

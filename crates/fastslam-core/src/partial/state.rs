@@ -1,0 +1,119 @@
+//! What a step needs of those before it: all that a snapshot holds.
+
+use super::gauge::Gauge;
+use super::past::Past;
+use super::place::Place;
+use super::sensing::Calibration;
+use crate::config::Config;
+use crate::diagnosis::health::{View, Watch};
+use crate::diagnosis::NoiseReport;
+use crate::filter::{Particles, PoseEstimate};
+use crate::motion::MotionGaussian;
+use crate::path::PathForest;
+use crate::resampling::follow;
+use crate::weights::Weights;
+use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
+
+/// A landmark that all maps hold.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) struct Name {
+    pub identity: u32,
+    pub sightings: u32,
+}
+
+/// What belongs to particles and changes in every step.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Cloud {
+    pub particles: Particles,
+    pub calibrations: Vec<Calibration>,
+    /// By particle, then by slot.
+    pub maps: Vec<Vec<Place>>,
+    pub weights: Weights,
+    /// By slot.
+    pub names: Vec<Name>,
+    /// Motion since the last sampling of the poses.
+    pub pending: MotionGaussian,
+    pub estimate: PoseEstimate,
+    /// How uncertain it is where all of it lies together.
+    pub gauge: Gauge,
+}
+
+/// How often something was done: numbers the random streams.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub(super) struct Counters {
+    pub samplings: u64,
+    pub steps: u64,
+    pub draws: u64,
+    /// Steps of the path at the last draw.
+    pub drawn_at: u64,
+}
+
+/// The filter between two steps.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct State {
+    pub cloud: Cloud,
+    pub slot_of: FxHashMap<u32, u32>,
+    pub path: PathForest,
+    pub past: Past,
+    pub counters: Counters,
+    /// Whether all this can be believed.
+    pub watch: Watch,
+    pub noise_report: NoiseReport,
+}
+
+impl State {
+    /// At the configured initial pose with empty maps.
+    pub fn new(config: &Config, calibrations: Vec<Calibration>) -> Self {
+        let (start, count) = (config.initial_pose.T_world_robot(), calibrations.len());
+        Self {
+            cloud: Cloud {
+                particles: Particles::at(start, count),
+                calibrations,
+                maps: vec![Vec::new(); count],
+                weights: Weights { values: vec![1.0 / count as f64; count], ..Weights::default() },
+                names: Vec::new(),
+                pending: MotionGaussian::default(),
+                estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
+                gauge: Gauge::default(),
+            },
+            slot_of: FxHashMap::default(),
+            path: PathForest::new(count),
+            past: Past::default(),
+            counters: Counters::default(),
+            watch: Watch::new(config.health, View::of(config)),
+            noise_report: NoiseReport::default(),
+        }
+    }
+}
+
+impl Cloud {
+    /// Particle i becomes a copy of the former particle `ancestors[i]`; all weights are equal then.
+    pub fn resample(&mut self, ancestors: &[u32]) {
+        self.particles.resample(ancestors);
+        follow(&mut self.calibrations, ancestors, &mut Vec::new());
+        self.maps = ancestors.iter().map(|a| self.maps[*a as usize].clone()).collect();
+        self.restart_weights();
+    }
+
+    /// All weights are equal.
+    pub fn restart_weights(&mut self) {
+        let count = self.particles.len();
+        self.particles.log_weight.fill(0.0);
+        self.weights =
+            Weights { values: vec![1.0 / count as f64; count], effective_sample_size: count as f64, log_mean: 0.0 };
+    }
+
+    /// An estimate by the particles, as uncertain as they are all together.
+    pub fn take_estimate(&mut self, mut estimate: PoseEstimate) {
+        let more = self.gauge.of_pose([estimate.mean.x, estimate.mean.y]);
+        estimate.covariance = crate::normal::sum(&estimate.covariance, &more);
+        self.estimate = estimate;
+    }
+
+    /// A sighting of this likelihood was made by a particle.
+    pub fn weigh(&mut self, particle: usize, log_likelihood: f64) {
+        self.particles.log_weight[particle] += log_likelihood;
+        self.particles.score[particle] += log_likelihood;
+    }
+}
