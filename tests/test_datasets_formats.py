@@ -146,6 +146,22 @@ def bag(base: Path) -> Path:
     return write(base / "small", [*twists(), *detections(mrpt)])
 
 
+def plaza(folder: Path) -> Path:
+    """Three rows of odometry, two ranges of two radios."""
+    import scipy.io
+
+    folder.mkdir()
+    stamps = np.arange(4.0)
+    tables = {
+        "DR": np.column_stack([stamps[1:], np.full(3, 0.5), np.zeros(3)]),
+        "TD": np.array([[2.0, 2, 5, 7.5], [1.0, 2, 1, 4.0]]),
+        "GT": np.column_stack([stamps, 0.5 * stamps, np.zeros(4), np.zeros(4)]),
+        "TL": np.array([[1.0, 4.0, 1.0], [5.0, 0.0, 8.0]]),
+    }
+    scipy.io.savemat(folder / "Plaza9_.mat", tables)
+    return folder
+
+
 MAKERS: dict[str, Callable[[Path], Path]] = {
     "native": native,
     "utias": utias,
@@ -159,6 +175,7 @@ MAKERS: dict[str, Callable[[Path], Path]] = {
     "toro": toro,
     "pyfg": pyfg,
     "bag": bag,
+    "plaza": plaza,
 }
 
 

@@ -59,6 +59,10 @@ def test_bearings_in_the_file_are_not_used_and_a_missing_model_is_named(tmp_path
     (tmp_path / "sightings.csv").write_text("stamp_s,range_m,landmark_id\n1,5,a\n")
     assert len(load(tmp_path).sightings.range_m) == 1
     (tmp_path / "log.yaml").write_text(settings.replace("model: range,", "model: range_bearing,"))
+    (tmp_path / "sightings.csv").write_text(f"{header}\n1,5,nan,a\n")
+    with pytest.raises(DataError, match="no usable sighting"):
+        load(tmp_path)
+    (tmp_path / "sightings.csv").write_text("stamp_s,range_m,landmark_id\n1,5,a\n")
     with pytest.raises(DataError, match=r"bearing_rad is missing.*model: range"):
         load(tmp_path)
 

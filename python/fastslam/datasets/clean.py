@@ -49,18 +49,18 @@ def clean_controls(
 
 
 def clean_sightings(
-    sightings: Sightings, *, path: Path, lines: Sequence[int] | None = None
+    sightings: Sightings, *, path: Path, lines: Sequence[int] | None = None, ranges_alone: bool = False
 ) -> tuple[Sightings, tuple[Problem, ...]]:
     """Sightings in time order with finite, positive ranges and bearings in [-pi, pi].
 
-    Where no bearing is a number the sensor measures none, and they stay NaN.
+    With `ranges_alone` the sensor measures no bearings, and they stay NaN.
     `lines` says where the rows stand in the file. Errors: DataError when there were sightings and none is
     left, or for a stamp that cannot be in seconds or lies months from all others.
     """
     refuse_wrong_stamps(sightings.stamp_s, path=path, lines=lines)
     problems: list[Problem] = []
     finite = np.isfinite(sightings.stamp_s) & np.isfinite(sightings.range_m)
-    if not np.isnan(sightings.bearing_rad).all():
+    if not ranges_alone:
         finite &= np.isfinite(sightings.bearing_rad)
     _count(problems, "sightings with NaN or infinite stamp, range or bearing: dropped", int(np.sum(~finite)))
     positive = np.greater(sightings.range_m, 0.0, where=finite, out=np.zeros_like(finite))

@@ -84,7 +84,7 @@ def sightings_of(table: CsvTable, *, ranges_alone: bool = False) -> SightingsFil
     )
     left_out = ranges_alone and not cartesian and "bearing_rad" in table.index_of
     notes = ("sensor.model is range: the bearings are not used",) if left_out else ()
-    sightings, problems = clean_sightings(raw, path=table.path, lines=table.lines)
+    sightings, problems = clean_sightings(raw, path=table.path, lines=table.lines, ranges_alone=ranges_alone)
     if not table.lines:
         problems = (Problem(f"{table.path.name} holds no sighting: only the odometry is left"),)
     return SightingsFile(

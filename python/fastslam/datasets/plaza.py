@@ -55,6 +55,7 @@ def load(path: Path, options: LoadOptions) -> Log:
             signature=np.full(len(heard), np.nan),
         ),
         path=file,
+        ranges_alone=True,
     )
     return Log(
         name=file.stem.rstrip("_").lower(),

@@ -11,7 +11,7 @@ use crate::geometry::{Pose, Symmetric2};
 use crate::given::Beginning;
 use crate::motion::{MotionGaussian, RowPart};
 use crate::normal::Normal;
-use crate::sighting::Sighting;
+use crate::sighting::{Seen, Sighting};
 use crate::slam::Slam;
 use crate::store::StoreUsage;
 
@@ -107,6 +107,10 @@ impl<S: Sensing<Z>, const Z: usize> Slam for PartialSlam<S, Z> {
     }
     fn map(&mut self) -> MapEstimate {
         PartialSlam::map(self)
+    }
+    /// None: a range alone lies nowhere in the frame of the sensor.
+    fn seen(&self) -> &[Seen] {
+        &[]
     }
     fn usage(&self) -> StoreUsage {
         let places = self.state.cloud.maps.iter().flatten();

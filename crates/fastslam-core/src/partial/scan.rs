@@ -266,7 +266,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// Hands the watch what the particles together predicted of a landmark that most have placed.
     fn examine(&mut self, one: &Heard<Z>, predicted: &[(f64, [f64; Z], Matrix<Z, Z>, [f64; 2])]) {
         let mass: f64 = predicted.iter().map(|(weight, ..)| weight).sum();
-        if !(mass > PLACED_BY_MOST) {
+        if mass <= PLACED_BY_MOST {
             return;
         }
         let parts: Vec<(f64, Normal<Z>)> = predicted
