@@ -295,6 +295,8 @@ fn compare_with_brute_force(mut config: Config, own_noise: bool) -> [u32; 3] {
     let density = 1e-4;
     config.association.new_landmark_density = Some(density);
     config.association.existence.removal = Removal::Never;
+    // Where paths are drawn anew, ambiguous landmarks are left to the draws.
+    config.filter.rejuvenation.every_steps = Some(0);
     config.motion =
         Motion::Increments(Increments { x_std_m: 0.1, y_std_m: 0.05, heading_std_rad: 0.02, ..Increments::default() });
     config.sensor.mounting.x_m = 0.6;

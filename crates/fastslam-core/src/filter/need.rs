@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 
 /// Work that all draws may take together, in terms of that of the filter.
 const BUDGET: f64 = 2.0;
+/// Fewer particles than this are taken for so many: a filter of ten needs the past as much as one of a hundred, and
+/// would pay for hardly a draw.
+const FEWEST_PARTICLES: usize = 100;
 /// Suspects that make a draw worth while: three pairs that fit are sure, one says nothing.
 const SUSPECTS: u32 = 3;
 
@@ -57,7 +60,7 @@ impl Need {
 
     /// A scan of so many sightings was looked at by so many particles.
     pub fn scanned(&mut self, sightings: usize, particles: usize) {
-        self.work_of_filter += ((sightings + 1) * particles) as f64;
+        self.work_of_filter += ((sightings + 1) * particles.max(FEWEST_PARTICLES)) as f64;
     }
 
     /// A draw was done: after so much work it merged so many landmarks; the path is this.

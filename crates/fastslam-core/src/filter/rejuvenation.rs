@@ -140,10 +140,8 @@ impl<M: MeasurementModel> FastSlam<M> {
         if poses.len() != history.steps() {
             return None;
         }
-        let guess = Solution {
-            trajectory: Trajectory { start: self.start(), poses },
-            landmarks: landmarks.iter().map(|sights| means[&sights.birth].1).collect(),
-        };
+        let drawn = (rejuvenation.count > 0).then(|| rejuvenation.last.saturating_sub(1));
+        let trajectory = Trajectory::joined(self.start(), poses, drawn, history);
         let mut graph = Graph {
             history,
             model: &self.models.measurement,
@@ -153,7 +151,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             landmarks,
             work,
         };
-        let mode = graph.solve(guess)?;
+        let mode = graph.solve(graph.guess(trajectory, |sights| means[&sights.birth].1))?;
         let stream = self.settings.random.stream(Purpose::Rejuvenation, rejuvenation.count);
         let (mode, merges) = self.close_loops(&mut graph, mode, stream, &means);
         let sampling = Sampling {

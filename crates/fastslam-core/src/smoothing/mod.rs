@@ -14,6 +14,7 @@ mod draws;
 mod drift;
 mod factor;
 mod graph;
+mod guess;
 mod history;
 
 pub(crate) use closing::{Closing, RARE};
