@@ -18,7 +18,7 @@ from fuzz.case import check_finite
 from fuzz.kinds import KINDS, SHARES
 from fuzz.watch import make_case, save, watch
 
-SHORT = {"logs": 256, "configs": 1000, "calls": 4000}
+SHORT = {"logs": 384, "configs": 1000, "calls": 4000}
 """Mutated inputs that every run of the tests tries."""
 SEEN = {
     "logs": ("logs read", "logs refused", "logs run", "logs examined", "logs converted", "commands"),
