@@ -143,3 +143,37 @@ def test_a_robot_that_keeps_what_came_has_the_result_of_a_run() -> None:
     assert result.verdict == expected.verdict and result.counts == expected.counts
     assert len(log.sightings.stamp_s) == len(LOG.sightings.stamp_s)
     assert sorted(log.identity_names) == sorted(LOG.identity_names) and result.steps.latency_us.min() > 0.0
+
+
+def test_the_log_of_a_robot_runs_to_what_the_robot_found() -> None:
+    config = LOG.config | {"filter": {"particles": 15}}
+    config["sensor"] = {**config["sensor"], "delay_s": 0.07}
+    robot = Robot(config, identities="all")
+    robot.keep_result()
+    noise = np.diag([0.04, 0.0025])
+    for k in range(12):
+        robot.odometry(0.5 * k, [1.0, 0.2])
+        covariance = [[noise[0, 0], 0.0, noise[1, 1]]] if k % 2 else None
+        robot.sightings(
+            0.5 * k + 0.3, range_m=[5.0 - 0.3 * k], bearing_rad=[0.1], identity=["a"], covariance=covariance
+        )
+    robot.end()
+    result, log = robot.result()
+    np.testing.assert_allclose(log.sightings.stamp_s, 0.5 * np.arange(12) + 0.3, rtol=0, atol=1e-12)
+    stated = log.sightings.covariance
+    assert stated is not None and np.isnan(stated[::2]).all() and (stated[1::2] == [0.04, 0.0, 0.0025]).all()
+    again = run(log)
+    np.testing.assert_allclose(result.trajectory.T_world_robot, again.trajectory.T_world_robot, atol=1e-9)
+
+
+def test_the_log_of_a_robot_keeps_what_its_odometry_says_of_itself() -> None:
+    robot = Robot({"motion": {"model": "odometry"}}, identities="all")
+    robot.keep_result()
+    covariance = np.diag([0.01, 0.02, 0.003]) + 0.001
+    robot.odometry(0.0, [0.0, 0.0, 0.0])
+    robot.odometry(1.0, [1.0, 0.0, 0.1], covariance=covariance)
+    robot.sightings(1.0, range_m=[5.0], bearing_rad=[0.1], identity=["a"])
+    robot.end()
+    stated = robot.result()[1].controls.covariance
+    assert stated is not None and np.isnan(stated[0]).all()
+    np.testing.assert_array_equal(stated[1], covariance[np.triu_indices(3)])

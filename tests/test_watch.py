@@ -108,7 +108,9 @@ class Page:
     """A browser of few words."""
 
     def __init__(self, address: str) -> None:
-        host, port = re.fullmatch(r"http://([\d.]+):(\d+)/", address).groups()  # type: ignore[union-attr]
+        parts = re.fullmatch(r"http://([\d.]+):(\d+)/", address)
+        assert parts is not None
+        host, port = parts.groups()
         self.host, self.port = host, int(port)
         self.connection = http.client.HTTPConnection(host, self.port, timeout=20)
         self.connection.request("GET", "/events")

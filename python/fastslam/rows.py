@@ -11,6 +11,8 @@ import numpy as np
 from . import _core
 from .log import Controls, Floats, Ints, Log, Sightings
 
+_UPPER = np.triu_indices(3)
+
 
 @dataclass(frozen=True)
 class Row:
@@ -49,12 +51,16 @@ class Row:
 
 
 def log_of(rows: Sequence[Row], columns: int, *, name: str, config: dict[str, Any]) -> Log:
-    """Rows as a log in time order, without names; `columns` are those of the motion model."""
+    """Rows as a log in time order, without names; `columns` are those of the motion model.
+
+    Streams take `sensor.delay_s` off the stamps of sightings; a log has them as they were reported.
+    """
     driven = sorted((row for row in rows if row.kind == "odometry"), key=lambda row: row.stamp_s)
     scans = sorted((row for row in rows if row.kind == "sightings"), key=lambda row: row.stamp_s)
     controls = Controls(
         np.array([row.stamp_s for row in driven]),
         np.array([row.values[0][:columns] for row in driven], dtype=np.float64).reshape(-1, columns),
+        _stated([None if row.values[1] is None else np.array(row.values[1])[_UPPER] for row in driven], 6),
     )
     sizes = [len(row.values[0]) for row in scans]
 
@@ -68,13 +74,15 @@ def log_of(rows: Sequence[Row], columns: int, *, name: str, config: dict[str, An
     def whole(place: int) -> Ints:
         return column(place, -1.0).astype(np.int64)
 
+    delay_s = config["sensor"]["delay_s"]
     sightings = Sightings(
-        stamp_s=np.repeat([row.stamp_s for row in scans], sizes) if scans else np.empty(0),
+        stamp_s=np.repeat([row.stamp_s + delay_s for row in scans], sizes) if scans else np.empty(0),
         range_m=column(0, np.nan),
         bearing_rad=column(1, np.nan),
         identity=whole(2),
         class_index=whole(4),
         signature=column(5, np.nan),
+        covariance=_stated([row.values[3] for row in scans], 3, sizes),
     )
     return Log(
         name=name,
@@ -83,4 +91,18 @@ def log_of(rows: Sequence[Row], columns: int, *, name: str, config: dict[str, An
         controls=controls,
         sightings=sightings,
         config=config,
+    )
+
+
+def _stated(parts: Sequence[Floats | None], width: int, sizes: Sequence[int] | None = None) -> Floats | None:
+    """Covariances that rows came with, NaN for those without; None where none has one."""
+    if all(part is None for part in parts):
+        return None
+    sizes = [1] * len(parts) if sizes is None else sizes
+    given = zip(parts, sizes, strict=True)
+    return np.concatenate(
+        [
+            np.full((size, width), np.nan) if part is None else part.reshape(size, width)
+            for part, size in given
+        ]
     )

@@ -141,6 +141,8 @@ impl<M: MeasurementModel> FastSlam<M> {
             return None;
         }
         let drawn = (rejuvenation.count > 0).then(|| rejuvenation.last.saturating_sub(1));
+        // What is held must not be moved.
+        let drawn = drawn.filter(|step| *step >= first_free);
         let trajectory = Trajectory::joined(self.start(), poses, drawn, history);
         let mut graph = Graph {
             history,

@@ -215,7 +215,7 @@ impl<S: ?Sized> Graph<'_, S> {
                 by[0][5 + place] = if *parameter == 0 { look.by_scale } else { 1.0 };
             }
             let used = 5 + free.len();
-            system.add_some(&variables[..used], &by, &weight, &look.innovation);
+            system.add(&variables[..used], &by, &weight, &look.innovation);
             let own: Matrix<2, 2> = {
                 let weighted = product(&weight, &look.by_landmark);
                 std::array::from_fn(|a| {
@@ -228,7 +228,7 @@ impl<S: ?Sized> Graph<'_, S> {
         for (place, parameter) in free.iter().enumerate() {
             let column = border + 2 * solution.landmarks.len() + place;
             let weight = self.prior.std[*parameter].powi(-2);
-            system.add_some(&[column], &[[1.0]], &[[weight]], &[-self.off_prior(solution)[*parameter]]);
+            system.add(&[column], &[[1.0]], &[[weight]], &[-self.off_prior(solution)[*parameter]]);
         }
     }
 
@@ -303,19 +303,9 @@ impl<S: ?Sized> Graph<'_, S> {
 }
 
 impl System {
-    /// Adds ½ (r − J δ)ᵀ W (r − J δ) for the deviations δ of these variables, in ascending order.
+    /// Adds ½ (r − J δ)ᵀ W (r − J δ) for the deviations δ of these variables, in ascending order; of the columns of J as many as
+    /// there are variables.
     fn add<const Z: usize, const N: usize>(
-        &mut self,
-        variables: &[usize; N],
-        by: &Matrix<Z, N>,
-        weight: &Matrix<Z, Z>,
-        residual: &[f64; Z],
-    ) {
-        self.add_some(variables, by, weight, residual);
-    }
-
-    /// [`Self::add`] for the first of the columns.
-    fn add_some<const Z: usize, const N: usize>(
         &mut self,
         variables: &[usize],
         by: &Matrix<Z, N>,
