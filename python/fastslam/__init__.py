@@ -1,11 +1,11 @@
 """Landmark SLAM by Rao-Blackwellized particle filtering: from a log to a map and a path."""
 
-from typing import TYPE_CHECKING
-
-from ._core import __version__
 from ._lazy import lazy_names
 
+# The program comes through here before it can answer Ctrl-C: nothing is loaded, `typing` neither.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from ._core import __version__
     from .config import Config
     from .conversion import convert
     from .datasets import load
@@ -52,6 +52,7 @@ _MODULE_OF = {
     "RunResult": "result",
     "Start": "maps",
     "StepInfo": "filter",
+    "__version__": "_core",
     "convert": "conversion",
     "load": "datasets",
     "localize": "localisation",

@@ -1,11 +1,18 @@
-"""Entry point of the program. Imports nothing heavy: Ctrl-C and SIGTERM are one line from the start."""
+"""Entry point of the program. Ctrl-C and SIGTERM are one line from the start.
+
+What is loaded before `main` is this file, its package's `__init__` and `signal`; before that the interpreter
+starts, and a Ctrl-C that comes so early ends it in its own way.
+"""
 
 from __future__ import annotations
 
 import os
 import signal
 import sys
-from types import FrameType
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from types import FrameType
 
 INTERRUPTED = 130
 _USUAL = {signal.SIGINT: signal.default_int_handler, signal.SIGTERM: signal.SIG_DFL}

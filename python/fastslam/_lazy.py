@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from importlib import import_module
-from typing import Any
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Any
 
 
 def lazy_names(
@@ -16,6 +17,8 @@ def lazy_names(
     """
 
     def find(name: str) -> Any:
+        from importlib import import_module
+
         if name in module_of:
             return getattr(import_module(f"{package}.{module_of[name]}"), name)
         if name in modules:
