@@ -35,6 +35,7 @@ LEAST_BLOCKS = {
     "docs/scans.md": 2,
     "docs/formats.md": 2,
     "docs/python.md": 9,
+    "docs/own-sensor.md": 4,
 }
 # Commands that set up or change the checkout; that their targets exist is checked below.
 MAKE_TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
@@ -97,7 +98,7 @@ def test_examples_run(
 
 
 def test_there_are_examples() -> None:
-    assert [path.name[:3] for path in EXAMPLES] == ["01_", "02_", "03_", "04_"]
+    assert [path.name[:3] for path in EXAMPLES] == ["01_", "02_", "03_", "04_", "05_"]
 
 
 def test_generated_pages_are_up_to_date() -> None:

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from fastslam import FastSlam, _core
 from fastslam.errors import DataError
-from fastslam.filter import checked_scan, landmark_map
+from fastslam.filter import landmark_map
+from fastslam.scan_call import checked_scan
 
 ALGORITHMS = ("fastslam1", "fastslam2", "ekf")
 
@@ -132,7 +133,7 @@ def test_a_class_beyond_those_configured_changes_nothing() -> None:
     robot = FastSlam(settings)
     robot.step([1.0, 0.0], dt_s=0.1)
     before = robot.pose[0]
-    scan = checked_scan(robot.config, [3.0], [0.1], ["oak"], class_index=[3])
+    scan = checked_scan(robot.config, (np.array([3.0]), np.array([0.1])), ["oak"], class_index=[3])
     with pytest.raises(ValueError, match=r"class 3 of a sighting: expected 0 to 2"):
         robot._filter.step([1.0, 0.0, 0.0], 1.0, 2.0, scan.columns({"oak": 0}))
     np.testing.assert_array_equal(robot.pose[0], before)

@@ -51,7 +51,14 @@ def compare_filters() -> dict[str, Any]:
     return run_cells("compare_filters.py", few=("SEEDS = range(1, 6)", "SEEDS = range(1, 3)"))
 
 
-@pytest.mark.parametrize(("notebook", "count"), [("paper", 6), ("own_log", 3), ("compare_filters", 2)])
+@pytest.fixture(scope="module")
+def own_sensor() -> dict[str, Any]:
+    return run_cells("own_sensor.py")
+
+
+@pytest.mark.parametrize(
+    ("notebook", "count"), [("paper", 6), ("own_log", 3), ("compare_filters", 2), ("own_sensor", 3)]
+)
 def test_cells_end_with_what_shows_itself(notebook: str, count: int, request: pytest.FixtureRequest) -> None:
     shown = request.getfixturevalue(notebook)["shown"]
     assert len(shown) == count
@@ -59,7 +66,12 @@ def test_cells_end_with_what_shows_itself(notebook: str, count: int, request: py
 
 
 def test_every_notebook_is_run() -> None:
-    assert [path.name for path in NOTEBOOKS] == ["compare_filters.py", "own_log.py", "paper.py"]
+    assert [path.name for path in NOTEBOOKS] == [
+        "compare_filters.py",
+        "own_log.py",
+        "own_sensor.py",
+        "paper.py",
+    ]
 
 
 def test_the_paper_in_small(paper: dict[str, Any]) -> None:
@@ -86,3 +98,9 @@ def test_the_filters_compared(compare_filters: dict[str, Any]) -> None:
         assert mode == "unknown" or found["landmarks"] == scores["known", "EKF-SLAM"]["landmarks"] * len(
             found["landmarks"]
         )
+
+
+def test_the_sensor_of_ones_own(own_sensor: dict[str, Any]) -> None:
+    assert own_sensor["cases"] == 300 and own_sensor["apart_m"] < 1e-5
+    assert own_sensor["error_m"] < 0.5 and len(own_sensor["result"].landmarks.ids) == 8
+    assert own_sensor["widths_m"][0] > 10.0 > 3.0 > own_sensor["widths_m"][-1]

@@ -76,7 +76,18 @@ _MODULES = (
         "maps",
     ),
     "live",
-    *("monte_carlo", "outputs", "plots", "report", "result", "resultfiles", "robot", "runner", "settings"),
+    *(
+        "monte_carlo",
+        "outputs",
+        "plots",
+        "report",
+        "result",
+        "resultfiles",
+        "robot",
+        "runner",
+        "sensors",
+        "settings",
+    ),
     *("simulation", "sweep", "tuning"),
 )
 __getattr__ = lazy_names(__name__, _MODULE_OF, modules=_MODULES)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 from .log import Bools, Floats, Ints, Ranges
+from .sensors import Adapter
 
 __version__: str
 build_profile: str
@@ -55,6 +56,7 @@ def run(
     map: _MapColumns | None = None,
     start: _Start | None = None,
     watch: Callable[..., tuple[float, float]] | None = None,
+    sensor: Adapter | None = None,
 ) -> dict[str, Any]:
     """Runs the filter over a log, or goes on from a snapshot (`resume`) that `checkpoint` got.
 
@@ -110,9 +112,9 @@ _Start: TypeAlias = tuple[Floats, Floats | None]
 class Filter:
     """The filter, one control and one scan at a time; several threads may use it."""
 
-    def __new__(cls, config_json: str, identities: str) -> Filter: ...
+    def __new__(cls, config_json: str, identities: str, sensor: Adapter | None = None) -> Filter: ...
     @staticmethod
-    def load(snapshot: bytes) -> tuple[Filter, str, str]:
+    def load(snapshot: bytes, sensor: Adapter | None = None) -> tuple[Filter, str, str]:
         """The filter of a snapshot, its configuration as JSON, its note. ValueError where it is refused."""
 
     def begin(self, map: _MapColumns | None = None, start: _Start | None = None) -> None:
@@ -136,9 +138,15 @@ _StampedPose: TypeAlias = tuple[float, Floats, Floats]
 class Stream:
     """The filter on a stream of rows; several threads may use it."""
 
-    def __new__(cls, config_json: str, identities: str, window: tuple[float, float, float]) -> Stream: ...
+    def __new__(
+        cls,
+        config_json: str,
+        identities: str,
+        window: tuple[float, float, float],
+        sensor: Adapter | None = None,
+    ) -> Stream: ...
     @staticmethod
-    def load(snapshot: bytes) -> tuple[Stream, str, str]:
+    def load(snapshot: bytes, sensor: Adapter | None = None) -> tuple[Stream, str, str]:
         """The stream of a snapshot, its configuration as JSON, its note. ValueError where it is refused."""
 
     def begin(self, map: _MapColumns | None = None, start: _Start | None = None) -> None:

@@ -6,7 +6,7 @@ import json
 import math
 import threading
 from collections import ChainMap
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,21 +16,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core
-from ._given import numbers, shown
 from .config import Config
 from .errors import DataError, NumericalError
 from .health import reason_names, status_name
-from .identity import nobody_knows
-from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, is_definite, stamp_fault
-from .log import Floats, Ints
+from .limits import stamp_fault
+from .log import Floats
 from .maps import Map, StartLike, core_start, first_free_number
 from .noise import noise_sentences
 from .result import LandmarkMap, StepFields, Trajectory
+from .scan_call import Identity, Scan, checked_scan, column, measured_scan, number
+from .sensors import Adapter, Sensor, adapted, own_layer
 from .settings import Layer
-
-Identity = str | float | None
-"""Name or number (from 0) of a landmark; None, -1, NaN and some words where nobody says which one it is
-(`fastslam.identity.NOBODY_KNOWS`)."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +58,9 @@ class FastSlam:
     (`fastslam.maps.Start`), or at one of several; the map's landmarks keep their ids. Names count as those of
     sightings, but for running numbers such as `L7`.
 
+    `sensor` is one of your own (`fastslam.sensors.Sensor`): `update` takes the columns that it measures, and
+    what it answers wrong, or fails at, is a `ModelError` that changes nothing.
+
     A call that raises `DataError` changes nothing. A `NumericalError` says that no particle can explain a
     scan, or that it would leave numbers that are none: the filter is as it was before the scan, to the last
     bit, and the stream may go on; the motion before the scan stays.
@@ -81,9 +80,12 @@ class FastSlam:
         identities: Literal["all", "some", "none"] = "some",
         map: Map | Path | str | None = None,
         start: StartLike = None,
+        sensor: Sensor | None = None,
     ) -> None:
-        self.config = Config.resolve(config or {})
-        filter = _core.Filter(self.config.to_json(), identities)
+        self.config = Config.resolve(config or {}, own_layer(sensor))
+        adapter = adapted(sensor)
+        with core_errors():
+            filter = _core.Filter(self.config.to_json(), identities, adapter)
         chart = Map.load(map) if isinstance(map, Path | str) else map
         columns: _core._MapColumns | None = None
         names: Sequence[str] = ()
@@ -92,11 +94,18 @@ class FastSlam:
             columns = chart.core_columns(identity, chart.landmarks.class_names)
         with core_errors():
             filter.begin(columns, core_start(start))
-        self._begin(filter, names, () if chart is None else chart.landmarks.ids)
+        self._begin(filter, names, () if chart is None else chart.landmarks.ids, adapter)
 
-    def _begin(self, filter: _core.Filter, names: Sequence[str], chart_ids: Sequence[str]) -> None:
+    def _begin(
+        self,
+        filter: _core.Filter,
+        names: Sequence[str],
+        chart_ids: Sequence[str],
+        adapter: Adapter | None,
+    ) -> None:
         """Everything but the configuration, around a filter of the core at its start."""
         self._filter = filter
+        self._adapter = adapter
         self._control_columns = _core.control_columns(self.config.to_json())
         self._index_of = {name: index for index, name in enumerate(names)}
         self._chart_ids = tuple(chart_ids)
@@ -112,14 +121,14 @@ class FastSlam:
         """
         from .resultfiles import write_atomically
 
-        return write_atomically(Path(path), self.__getstate__(), durable=True)
+        return write_atomically(Path(path), self._snapshot(), durable=True)
 
     @classmethod
-    def load(cls, path: Path | str) -> FastSlam:
-        """The filter of a file that `save` wrote, with its configuration.
+    def load(cls, path: Path | str, *, sensor: Sensor | None = None) -> FastSlam:
+        """The filter of a file that `save` wrote, with its configuration; `sensor` as it was made with.
 
-        Errors: `DataError` for a file that cannot be read, is damaged, or is of a format that this version
-        does not read.
+        Errors: `DataError` for a file that cannot be read, is damaged, is of a format that this version
+        does not read, or was written with a sensor of its own where none is given.
         """
         try:
             snapshot = Path(path).read_bytes()
@@ -127,12 +136,16 @@ class FastSlam:
             raise DataError(f"cannot read: {error.strerror or error}", path) from None
         loaded = cls.__new__(cls)
         try:
-            loaded.__setstate__(snapshot)
+            loaded._restore(snapshot, sensor)
         except DataError as error:
             raise DataError(str(error), path) from None
         return loaded
 
-    def __getstate__(self) -> bytes:
+    def __getstate__(self) -> bytes | tuple[bytes, Sensor]:
+        snapshot = self._snapshot()
+        return snapshot if self._adapter is None else (snapshot, self._adapter.sensor)
+
+    def _snapshot(self) -> bytes:
         with self._lock:
             updated_s = self._updated_s if math.isfinite(self._updated_s) else None
             note = {"names": list(self._index_of), "stamp_s": self._stamp_s, "updated_s": updated_s}
@@ -140,14 +153,18 @@ class FastSlam:
                 note["chart_ids"] = list(self._chart_ids)
             return self._filter.save(json.dumps(note))
 
-    def __setstate__(self, snapshot: bytes) -> None:
+    def __setstate__(self, state: bytes | tuple[bytes, Sensor]) -> None:
+        self._restore(*((state, None) if isinstance(state, bytes) else state))
+
+    def _restore(self, snapshot: bytes, sensor: Sensor | None) -> None:
+        adapter = adapted(sensor)
         with core_errors():
-            filter, config, note = _core.Filter.load(snapshot)
+            filter, config, note = _core.Filter.load(snapshot, adapter)
         if not note:
             raise DataError("the snapshot has no names of landmarks: it was not written by FastSlam.save")
         kept = json.loads(note)
         self.config = Config.resolve(json.loads(config))
-        self._begin(filter, kept["names"], kept.get("chart_ids", ()))
+        self._begin(filter, kept["names"], kept.get("chart_ids", ()), adapter)
         self._stamp_s = kept["stamp_s"]
         self._updated_s = -math.inf if kept["updated_s"] is None else kept["updated_s"]
 
@@ -167,7 +184,7 @@ class FastSlam:
         self,
         stamp_s: float,
         *,
-        range_m: ArrayLike,
+        range_m: ArrayLike | None = None,
         bearing_rad: ArrayLike | None = None,
         identity: Sequence[Identity] | None = None,
         covariance: ArrayLike | None = None,
@@ -176,7 +193,7 @@ class FastSlam:
     ) -> StepInfo:
         """Corrects with the sightings of one scan, in the sensor's frame; none at all is a scan too.
 
-        Shapes: all (S,), without `bearing_rad` for `sensor.model: range`; `covariance` (S, 3) is that of
+        Shapes: all (S,), of range and bearing those that the sensor measures; `covariance` (S, 3) is that of
         each range and bearing as (m², m·rad, rad²), NaN where the sensor's own noise holds. `class_index`
         (-1: none) and `signature` (NaN: none) count where `association.classes` and `association.signatures`
         are configured. Errors: `DataError` for columns of different lengths, bearings in degrees, a
@@ -184,7 +201,8 @@ class FastSlam:
         end of the last control, or an identity that is neither name nor number; `NumericalError` when no
         particle can explain the scan.
         """
-        scan = checked_scan(self.config, range_m, bearing_rad, identity, covariance, class_index, signature)
+        measured = self._measured(range_m, bearing_rad)
+        scan = checked_scan(self.config, measured, identity, covariance, class_index, signature)
         stamp = number("stamp_s", stamp_s)
         with self._lock:
             self._check_stamp(stamp)
@@ -195,7 +213,7 @@ class FastSlam:
         control: ArrayLike,
         *,
         dt_s: float,
-        range_m: ArrayLike = (),
+        range_m: ArrayLike | None = None,
         bearing_rad: ArrayLike | None = None,
         identity: Sequence[Identity] | None = None,
     ) -> StepInfo:
@@ -204,7 +222,9 @@ class FastSlam:
         Where the scan is refused the robot has not moved either.
         """
         values, seconds = self._control(control), number("dt_s", dt_s)
-        scan = checked_scan(self.config, range_m, bearing_rad, identity)
+        seen = range_m is not None or bearing_rad is not None
+        measured = self._measured(range_m, bearing_rad) if seen else self._measured((), ())
+        scan = checked_scan(self.config, measured, identity)
         with self._lock:
             stamp = self._stamp_s + seconds
             return self._told(
@@ -248,6 +268,9 @@ class FastSlam:
         """The path of the best particle so far."""
         with self._lock:
             return Trajectory(*self._filter.best_path())
+
+    def _measured(self, range_m: ArrayLike | None, bearing_rad: ArrayLike | None) -> tuple[Floats, Floats]:
+        return measured_scan(self.config, self._adapter, range_m, bearing_rad)
 
     def _control(self, control: ArrayLike) -> list[float]:
         return checked_control(control, self._control_columns)
@@ -300,130 +323,10 @@ def step_info(answer: dict[str, Any], config: Config) -> StepInfo:
 
 def checked_control(control: ArrayLike, columns: Sequence[str]) -> list[float]:
     """A control of the motion model as three numbers. Errors: `DataError` for another number of values."""
-    given = _column("control", control)
+    given = column("control", control)
     if given.shape != (len(columns),):
         raise DataError(f"control: got shape {given.shape}, expected {', '.join(columns)}")
     return [*map(float, given), *(0.0,) * (3 - len(given))]
-
-
-def checked_scan(
-    config: Config,
-    range_m: ArrayLike,
-    bearing_rad: ArrayLike | None,
-    identity: Sequence[Identity] | None,
-    covariance: ArrayLike | None = None,
-    class_index: ArrayLike | None = None,
-    signature: ArrayLike | None = None,
-) -> Scan:
-    """The sightings of a call, checked as those of a file are."""
-    ranges = _column("range_m", range_m)
-    if bearing_rad is None:
-        if len(ranges) > 0 and config["sensor"]["model"] != "range":
-            raise DataError("bearing_rad: got none, but sensor.model is range_bearing")
-        bearing_rad = np.full(len(ranges), np.nan)
-    scan = Scan(
-        range_m=ranges,
-        bearing_rad=_column("bearing_rad", bearing_rad),
-        names=None if identity is None else _names(identity),
-        covariance=None if covariance is None else _covariances(covariance),
-        class_index=None if class_index is None else _classes(class_index),
-        signature=None if signature is None else _column("signature", signature),
-    )
-    if (np.abs(scan.bearing_rad[np.isfinite(scan.bearing_rad)]) > LARGEST_BEARING_RAD).any():
-        raise DataError(f"bearing_rad: {DEGREES_HINT}")
-    if (
-        scan.class_index is not None
-        and (scan.class_index >= 0).any()
-        and config["association"]["classes"] is None
-    ):
-        raise DataError("class_index: association.classes is not configured")
-    return scan
-
-
-@dataclass(frozen=True)
-class Scan:
-    """The arguments of one update, as arrays of the right kind."""
-
-    range_m: Floats
-    bearing_rad: Floats
-    names: tuple[str | None, ...] | None
-    covariance: Floats | None
-    class_index: Ints | None
-    signature: Floats | None
-
-    def new_names(self, known: Mapping[str, int]) -> dict[str, int]:
-        """Numbers for the names that are not known yet."""
-        index_of: dict[str, int] = {}
-        for name in self.names or ():
-            if name is not None and name not in known:
-                index_of.setdefault(name, len(known) + len(index_of))
-        return index_of
-
-    def columns(self, index_of: Mapping[str, int]) -> _core._ScanColumns:
-        """What the core takes: names as their numbers, -1 where there is none."""
-        count = len(self.range_m)
-        names = (None,) * count if self.names is None else self.names
-        identity = np.array([-1 if name is None else index_of[name] for name in names], dtype=np.int64)
-        return (self.range_m, self.bearing_rad, identity, self.covariance, self.class_index, self.signature)
-
-
-def number(name: str, value: float) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise DataError(f"{name}: got {shown(value)}, expected a number") from None
-
-
-def _column(name: str, values: ArrayLike) -> Floats:
-    column = np.atleast_1d(numbers(name, values))
-    if column.ndim != 1:
-        raise DataError(f"{name}: got shape {column.shape}, expected one number per sighting")
-    return column
-
-
-def _classes(class_index: ArrayLike) -> Ints:
-    classes = _column("class_index", class_index)
-    if not (
-        np.isfinite(classes) & (classes == np.round(classes)) & (classes >= -1) & (classes < 2**32)
-    ).all():
-        raise DataError(
-            f"class_index: expected whole numbers from 0, or -1 for none, got {shown(class_index)}"
-        )
-    return classes.astype(np.int64)
-
-
-def _covariances(covariance: ArrayLike) -> Floats:
-    rows = numbers("covariance", covariance)
-    if rows.size % 3:
-        raise DataError("covariance: expected n x 3 numbers (m², m·rad, rad²)")
-    rows = rows.reshape(-1, 3)
-    given = ~np.isnan(rows).all(axis=1)
-    wrong = given & ~is_definite(rows)
-    if wrong.any():
-        row = rows[np.argmax(wrong)].tolist()
-        raise DataError(f"covariance: got {row}, expected a positive definite one or three NaN")
-    return rows
-
-
-def _names(identity: Sequence[Identity]) -> tuple[str | None, ...]:
-    if isinstance(identity, str):
-        raise DataError(f"identity: got the text {identity!r}, expected one name per sighting")
-    try:
-        return tuple(_name(value) for value in identity)
-    except TypeError:
-        raise DataError(f"identity: got {shown(identity)}, expected one name per sighting") from None
-
-
-def _name(identity: Identity) -> str | None:
-    """A landmark's name as text; what logs write for nobody knows must not become a name."""
-    if identity is None or (
-        isinstance(identity, str | float | int | np.number) and nobody_knows(str(identity))
-    ):
-        return None
-    number = isinstance(identity, int | np.integer) and not isinstance(identity, bool)
-    if isinstance(identity, str) or (number and int(identity) >= 0):
-        return str(identity)
-    raise DataError(f"identity: got {shown(identity)}, expected a name, a number from 0, or None for unknown")
 
 
 def landmark_map(

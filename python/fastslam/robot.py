@@ -17,21 +17,14 @@ from . import _core
 from ._given import numbers, shown
 from .config import Config
 from .errors import DataError, NumericalError
-from .filter import (
-    Identity,
-    StepInfo,
-    checked_control,
-    checked_scan,
-    core_errors,
-    landmark_map,
-    number,
-    step_info,
-)
+from .filter import StepInfo, checked_control, core_errors, landmark_map, step_info
 from .limits import stamp_fault
 from .log import Floats, Log
 from .maps import Anywhere, Changes, Map, StartLike, changes, core_start
 from .result import LandmarkMap, RunResult, Trajectory
 from .rows import Row
+from .scan_call import Identity, checked_scan, measured_scan, number
+from .sensors import Sensor, adapted, own_layer
 from .settings import Layer
 
 if TYPE_CHECKING:
@@ -89,6 +82,8 @@ class Robot:
     steps are returned, `modes` says where it may be, and what needs a place in the map is a `DataError`.
     Then the rows so far are taken anew from there, and their steps returned.
 
+    `sensor` is one of your own (`fastslam.sensors.Sensor`), as for `FastSlam`.
+
     Several threads may share one robot: each call sees it between two calls of the others.
 
     Errors: `ConfigError` for the configuration, `DataError` for a window, map or start that is none.
@@ -111,8 +106,10 @@ class Robot:
         classes: Sequence[str] = (),
         map: Map | Path | str | None = None,
         start: StartLike = None,
+        sensor: Sensor | None = None,
     ) -> None:
-        self.config = Config.resolve(config or {})
+        self.config = Config.resolve(config or {}, own_layer(sensor))
+        self._adapter = adapted(sensor)
         chosen = window or Window()
         chart = Map.load(map) if isinstance(map, Path | str) else map
         self._kind = identities
@@ -130,7 +127,7 @@ class Robot:
 
     def _fresh_stream(self) -> _core.Stream:
         with core_errors():
-            stream = _core.Stream(self.config.to_json(), self._kind, self._window)
+            stream = _core.Stream(self.config.to_json(), self._kind, self._window, self._adapter)
         if self._kept is not None:
             stream.keep_steps()
         return stream
@@ -180,7 +177,7 @@ class Robot:
         self,
         stamp_s: float,
         *,
-        range_m: ArrayLike,
+        range_m: ArrayLike | None = None,
         bearing_rad: ArrayLike | None = None,
         identity: Sequence[Identity] | None = None,
         class_name: Sequence[str | None] | None = None,
@@ -197,9 +194,8 @@ class Robot:
         with self._lock:
             self._check_going_on()
             new_classes, class_index = self._class_index(class_name)
-            scan = checked_scan(
-                self.config, range_m, bearing_rad, identity, covariance, class_index, signature
-            )
+            measured = measured_scan(self.config, self._adapter, range_m, bearing_rad)
+            scan = checked_scan(self.config, measured, identity, covariance, class_index, signature)
             new_names = scan.new_names(self._index_of)
             columns = scan.columns(ChainMap(new_names, self._index_of))
             names = (new_names, new_classes)
@@ -337,24 +333,28 @@ class Robot:
         """
         from .resultfiles import write_atomically
 
-        return write_atomically(Path(path), self.__getstate__(), durable=True)
+        return write_atomically(Path(path), self._snapshot(), durable=True)
 
     @classmethod
-    def load(cls, path: Path | str) -> Robot:
-        """The robot of a file that `save` wrote.
+    def load(cls, path: Path | str, *, sensor: Sensor | None = None) -> Robot:
+        """The robot of a file that `save` wrote; `sensor` as it was made with.
 
         Errors: `DataError` for a file that cannot be read, is damaged, or is of something else.
         """
         loaded = cls.__new__(cls)
         try:
-            loaded.__setstate__(Path(path).read_bytes())
+            loaded._restore(Path(path).read_bytes(), sensor)
         except OSError as error:
             raise DataError(f"cannot read: {error.strerror or error}", path) from None
         except DataError as error:
             raise DataError(str(error), path) from None
         return loaded
 
-    def __getstate__(self) -> bytes:
+    def __getstate__(self) -> bytes | tuple[bytes, Sensor]:
+        snapshot = self._snapshot()
+        return snapshot if self._adapter is None else (snapshot, self._adapter.sensor)
+
+    def _snapshot(self) -> bytes:
         from .searching import chart_to_json, note
 
         with self._lock:
@@ -370,9 +370,13 @@ class Robot:
             )
             return self._stream.save(kept)
 
-    def __setstate__(self, snapshot: bytes) -> None:
+    def __setstate__(self, state: bytes | tuple[bytes, Sensor]) -> None:
+        self._restore(*((state, None) if isinstance(state, bytes) else state))
+
+    def _restore(self, snapshot: bytes, sensor: Sensor | None) -> None:
+        self._adapter = adapted(sensor)
         with core_errors():
-            stream, config, note = _core.Stream.load(snapshot)
+            stream, config, note = _core.Stream.load(snapshot, self._adapter)
         kept = json.loads(note)
         self.config = Config.resolve(json.loads(config))
         self._begin(stream, names=kept["names"], classes=kept["classes"])

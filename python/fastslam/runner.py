@@ -22,6 +22,7 @@ from .log import Log
 from .maps import Map, StartLike, changes, core_start
 from .noise import noise_sentences
 from .result import RunResult, Steps, Trajectory
+from .sensors import Sensor, adapted, own_layer
 from .settings import Layer
 from .timing import stage
 from .verdict import named_twice, verdict
@@ -54,9 +55,10 @@ def configure(log: Log, *layers: Layer) -> Config:
 
 def refuse_ranges_alone(config: Mapping[str, Any], who: str) -> None:
     """Errors: `ConfigError` for a sensor without bearings, whose scale and bias every run learns."""
-    if config["sensor"]["model"] == "range":
+    model = config["sensor"]["model"]
+    if model != "range_bearing":
         raise ConfigError(
-            f"sensor.model: got range, expected range_bearing for {who}: it needs bearings "
+            f"sensor.model: got {model}, expected range_bearing for {who}: it needs bearings "
             "(a run on ranges alone learns their scale and bias by itself)"
         )
 
@@ -86,6 +88,7 @@ def run(
     progress: Progress | None = None,
     checkpoints: Checkpoints | None = None,
     watch: Watch | None = None,
+    sensor: Sensor | None = None,
 ) -> RunResult:
     """Runs the filter over a log, given as such or as a path (`format` and `robot` as for `datasets.load`).
 
@@ -104,16 +107,18 @@ def run(
     the run: what was computed until then is returned with `interrupted` set. With `checkpoints` the state is
     written to a file on the way, from which the run goes on, in another process too, to the same result but
     for computing times. `watch` is called with a `fastslam.watching.View` after the first step, whenever it
-    asked for the next one, and at the end.
+    asked for the next one, and at the end. `sensor` is one of your own, which says what it measures of a
+    landmark (`fastslam.sensors.Sensor`); sightings have to name theirs.
 
     Errors: `DataError` for the log, or a checkpoint that is damaged or of another run; `ConfigError` for the
-    configuration; `NumericalError` when the filter cannot go on.
+    configuration; `NumericalError` when the filter cannot go on; `ModelError` for what `sensor` answers.
     """
     log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
     if log.scans is not None:
         with stage("detection"):
             log = with_sightings(log)
-    configuration = configure(log, config or {})
+    adapter = adapted(sensor)
+    configuration = configure(log, config or {}, own_layer(sensor))
     controls, sightings = log.controls, log.sightings
     delay_s = configuration["sensor"]["delay_s"]
     given = Given.of(map, log)
@@ -138,6 +143,7 @@ def run(
                 map=given.columns,
                 start=core_start(start),
                 watch=None if watch is None else _watched(watch, configuration, log, given),
+                sensor=adapter,
             )
     except ValueError as error:
         raise DataError(str(error), log.source) from None
@@ -162,6 +168,7 @@ def run_many(
     progress: Progress | None = None,
     checkpoints: Checkpoints | None = None,
     watch: Watch | None = None,
+    sensor: Sensor | None = None,
 ) -> Iterator[RunResult]:
     """Runs the filter with each seed in turn, one result at a time in memory.
 
@@ -183,6 +190,7 @@ def run_many(
             progress=advance,
             checkpoints=checkpoints,
             watch=watch if number == 0 else None,
+            sensor=sensor,
         )
         yield result
         if result.interrupted:

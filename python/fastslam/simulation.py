@@ -61,6 +61,8 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
     landmarks).
     """
     complete = settings if isinstance(settings, Settings) else SCHEMA.resolve(settings)
+    if complete["sensor"]["model"] == "own":
+        raise ConfigError("sensor.model: got own, expected range_bearing or range for a simulation")
     ranges_alone = complete["sensor"]["model"] == "range"
     if ranges_alone and complete["scan"]["laser"] is not None:
         raise ConfigError("sensor.model: got range, expected range_bearing for a laser (scan.laser)")

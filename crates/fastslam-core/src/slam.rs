@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Seen, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
-use crate::measurement::{MeasurementModel, SensorModel};
+use crate::measurement::{MeasurementModel, SensorModel, EXPECTED_OF_OWN};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::partial::PartialSlam;
 use crate::snapshot::{self, Holds};
@@ -57,32 +57,44 @@ pub trait Slam: Send + Sync {
     fn restore(&mut self, snapshot: &[u8]) -> Result<()>;
 }
 
+/// Makes a filter: [`create`], or what makes one for a sensor of one's own.
+pub type Maker<'a> = &'a dyn Fn(Config, Identities) -> Result<Box<dyn Slam>>;
+
 /// The filter that a snapshot was taken of, with its configuration and note.
 ///
-/// **Errors:** [`Error::Input`](crate::error::Error::Input) when the bytes are no snapshot, of another format or damaged.
-pub fn load(snapshot: &[u8]) -> Result<(Box<dyn Slam>, Config, String)> {
+/// **Errors:** [`Error::Input`](crate::error::Error::Input) when the bytes are no snapshot, of another format or damaged;
+/// those of `make`.
+pub fn load(snapshot: &[u8], make: Maker<'_>) -> Result<(Box<dyn Slam>, Config, String)> {
     let (head, _) = snapshot::open(snapshot, Holds::Filter)?;
     let config = head.config()?;
-    let mut filter = create(config.clone(), head.identities)?;
+    let mut filter = make(config.clone(), head.identities)?;
     filter.restore(snapshot)?;
     Ok((filter, config, head.note))
 }
 
 /// The configured filter at its initial pose with an empty map.
 pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
-    if config.sensor.model == SensorModel::Range {
-        return match identities {
-            Identities::None => {
-                let expected = "range_bearing where sightings name no landmark: ranges alone need known identities";
-                Err(Error::parameter("sensor.model", "range", expected))
-            }
-            _ => Ok(Box::new(PartialSlam::range_only(config)?)),
-        };
+    match config.sensor.model {
+        SensorModel::RangeBearing => {}
+        SensorModel::Range => {
+            check_names("range", identities)?;
+            return Ok(Box::new(PartialSlam::range_only(config)?));
+        }
+        SensorModel::Own => return Err(Error::parameter("sensor.model", "own", EXPECTED_OF_OWN)),
     }
     Ok(match config.algorithm {
         Algorithm::Ekf => Box::new(EkfSlam::new(config, identities)?),
         Algorithm::Fastslam1 | Algorithm::Fastslam2 => Box::new(FastSlam::new(config, identities)?),
     })
+}
+
+/// Errors unless some sightings name their landmark, as sensors need of which one does not place it.
+pub fn check_names(model: &str, identities: Identities) -> Result<()> {
+    if identities != Identities::None {
+        return Ok(());
+    }
+    let expected = "range_bearing where sightings name no landmark: what does not place one needs known identities";
+    Err(Error::parameter("sensor.model", model, expected))
 }
 
 impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {

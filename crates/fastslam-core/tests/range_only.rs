@@ -123,7 +123,7 @@ fn the_same_seed_gives_the_same_bits_also_after_a_cut() {
             Slam::predict(&mut first, *control, 1.0).unwrap();
             first.update(k as f64 + 1.0, seen).unwrap();
         }
-        let (mut second, ..) = slam::load(&first.save("").unwrap()).unwrap();
+        let (mut second, ..) = slam::load(&first.save("").unwrap(), &slam::create).unwrap();
         for (k, (control, seen, _)) in drive.iter().enumerate().skip(cut) {
             second.predict(*control, 1.0).unwrap();
             second.update(k as f64 + 1.0, seen).unwrap();

@@ -71,8 +71,9 @@ fn rows_in_any_order_within_the_window_give_the_bits_of_a_run_also_across_a_snap
                 drain(&mut stream, &mut steps);
                 if i == cut {
                     assert!(stream.waiting() > 0);
-                    stream =
-                        Stream::load(&stream.save("kept").unwrap()).map(|(s, note)| (s, note == "kept").0).unwrap();
+                    stream = Stream::load(&stream.save("kept").unwrap(), &fastslam_core::slam::create)
+                        .map(|(s, note)| (s, note == "kept").0)
+                        .unwrap();
                 }
             }
             stream.finish();

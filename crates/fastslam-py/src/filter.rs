@@ -1,10 +1,12 @@
 //! The filter, step by step.
 
 use crate::given::{GivenMap, GivenStart};
+use crate::sensor::{self, check_not_asked, Sensor};
 use crate::settings::{to_json, to_python};
 use crate::view::{hypotheses_to_arrays, map_to_dict, path_to_arrays};
 use crate::{arrays, config, given, step};
 use fastslam_core::config::Config;
+use fastslam_core::error::Result;
 use fastslam_core::filter::{Identities, Sighting, StepInfo};
 use fastslam_core::slam::{self, Slam};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -24,13 +26,20 @@ type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 pub struct Filter {
     filter: Mutex<Box<dyn Slam>>,
     config: Config,
+    sensor: Option<Sensor>,
 }
 
 impl Filter {
     /// What `work` makes of the filter, with the interpreter free for other threads.
     fn locked<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut dyn Slam) -> T + Send) -> PyResult<T> {
+        check_not_asked()?;
         py.detach(|| self.filter.lock().map(|mut filter| work(filter.as_mut())).ok())
             .ok_or_else(|| PyRuntimeError::new_err("the filter failed in an earlier call and cannot go on"))
+    }
+
+    /// What `work` makes of the filter, or what went wrong there, in the sensor's class too.
+    fn worked<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut dyn Slam) -> Result<T> + Send) -> PyResult<T> {
+        sensor::answer(self.sensor.as_ref(), self.locked(py, work)?)
     }
 
     fn answer<'py>(&self, py: Python<'py>, info: &StepInfo) -> PyResult<Bound<'py, PyDict>> {
@@ -76,43 +85,48 @@ impl Scan<'_> {
 
 #[pymethods]
 impl Filter {
+    /// `sensor`: a sensor of one's own, as `fastslam.sensors.Adapter`.
     #[new]
-    fn new(config_json: &str, identities: &str) -> PyResult<Self> {
+    #[pyo3(signature = (config_json, identities, sensor=None))]
+    fn new(config_json: &str, identities: &str, sensor: Option<Sensor>) -> PyResult<Self> {
         let identities = identities_named(identities)?;
         let config = config::parse(config_json)?;
-        let filter = Mutex::new(slam::create(config.clone(), identities).map_err(to_python)?);
-        Ok(Self { filter, config })
+        let filter = sensor::answer(sensor.as_ref(), sensor::make(sensor.as_ref(), config.clone(), identities))?;
+        Ok(Self { filter: Mutex::new(filter), config, sensor })
     }
 
     /// Starts in a map, at a start: before anything else.
     #[pyo3(signature = (map=None, start=None))]
     fn begin(&self, py: Python<'_>, map: Option<GivenMap<'_>>, start: Option<GivenStart<'_>>) -> PyResult<()> {
         let beginning = given::beginning(map, start)?;
-        self.locked(py, |filter| filter.begin(&beginning))?.map_err(to_python)
+        self.worked(py, |filter| filter.begin(&beginning))
     }
 
     /// The filter of a snapshot, its configuration as JSON, and the note that was kept with it.
     #[staticmethod]
-    fn load(py: Python<'_>, snapshot: &[u8]) -> PyResult<(Self, String, String)> {
-        let (filter, config, note) = py.detach(|| slam::load(snapshot)).map_err(to_python)?;
+    #[pyo3(signature = (snapshot, sensor=None))]
+    fn load(py: Python<'_>, snapshot: &[u8], sensor: Option<Sensor>) -> PyResult<(Self, String, String)> {
+        let make = |config, identities| sensor::make(sensor.as_ref(), config, identities);
+        let loaded = py.detach(|| slam::load(snapshot, &make));
+        let (filter, config, note) = sensor::answer(sensor.as_ref(), loaded)?;
         let json = to_json(&config)?;
-        Ok((Self { filter: Mutex::new(filter), config }, json, note))
+        Ok((Self { filter: Mutex::new(filter), config, sensor }, json, note))
     }
 
     /// The state as bytes, with a note.
     fn save<'py>(&self, py: Python<'py>, note: &str) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = self.locked(py, |filter| filter.save(note))?.map_err(to_python)?;
+        let bytes = self.worked(py, |filter| filter.save(note))?;
         Ok(PyBytes::new(py, &bytes))
     }
 
     fn predict(&self, py: Python<'_>, control: [f64; 3], dt_s: f64) -> PyResult<()> {
-        self.locked(py, |filter| filter.predict(control, dt_s))?.map_err(to_python)
+        self.worked(py, |filter| filter.predict(control, dt_s))
     }
 
     /// `scan`: range_m, bearing_rad, identity, then noise (n x 3), class_index and signature or None.
     fn update<'py>(&self, py: Python<'py>, stamp_s: f64, scan: Scan<'py>) -> PyResult<Bound<'py, PyDict>> {
         let sightings = scan.sightings(&self.config)?;
-        let info = self.locked(py, |filter| filter.update(stamp_s, &sightings))?.map_err(to_python)?;
+        let info = self.worked(py, |filter| filter.update(stamp_s, &sightings))?;
         self.answer(py, &info)
     }
 
@@ -130,7 +144,7 @@ impl Filter {
             filter.predict(control, dt_s)?;
             filter.update(stamp_s, &sightings)
         };
-        let info = self.locked(py, both)?.map_err(to_python)?;
+        let info = self.worked(py, both)?;
         self.answer(py, &info)
     }
 
@@ -149,7 +163,7 @@ impl Filter {
 
     /// Draws all particles anew from the posterior over paths; false when it was not configured or nothing changed.
     fn rejuvenate(&self, py: Python<'_>) -> PyResult<bool> {
-        self.locked(py, |filter| filter.finish())
+        self.worked(py, |filter| Ok(filter.finish()))
     }
 
     fn map<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

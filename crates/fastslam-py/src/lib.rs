@@ -8,6 +8,7 @@ mod filter;
 mod given;
 mod noise;
 mod run;
+mod sensor;
 mod settings;
 mod simulation;
 mod step;

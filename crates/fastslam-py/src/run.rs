@@ -1,10 +1,10 @@
 //! A whole log in one call.
 
-use crate::settings::to_python;
+use crate::sensor::{self, Sensor};
 use crate::view::{map_to_dict, View};
 use crate::{arrays, config, given, noise, step};
 use fastslam_core::config::Config;
-use fastslam_core::run::{Observer, RunOutput, StepRecord};
+use fastslam_core::run::{run_with, Observer, RunOutput, StepRecord};
 use fastslam_core::stream::Stream;
 use fastslam_core::timeline::LogData;
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -107,13 +107,13 @@ impl Progress {
     }
 }
 
-/// Runs the filter over a log; `resume` is a snapshot to go on from, and `checkpoint(snapshot)` is called every
+/// Runs the filter over a log, with a sensor of one's own where there is one; `resume` is a snapshot to go on from, and `checkpoint(snapshot)` is called every
 /// `checkpoint_every_s` and when the run is stopped. `watch(view, step, stamp, pose,
 /// covariance)` is shown the run, and answers in how many seconds, or
 /// at which stamp, it wants to be shown it again. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
 /// been computed; any other exception of `progress` is raised.
 #[pyfunction]
-#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None, checkpoint=None, checkpoint_every_s=60.0, resume=None, map=None, start=None, watch=None))]
+#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None, checkpoint=None, checkpoint_every_s=60.0, resume=None, map=None, start=None, watch=None, sensor=None))]
 #[allow(clippy::too_many_arguments)] // One array per column of a log.
 pub fn run<'py>(
     py: Python<'py>,
@@ -135,6 +135,7 @@ pub fn run<'py>(
     map: Option<given::GivenMap<'py>>,
     start: Option<given::GivenStart<'py>>,
     watch: Option<Py<PyAny>>,
+    sensor: Option<Sensor>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let config = config::parse(config_json)?;
     let beginning = given::beginning(map, start)?;
@@ -161,11 +162,9 @@ pub fn run<'py>(
     let watch = watch.map(|callback| Watch { callback, next_s: 0.0, next_stamp_s: f64::NEG_INFINITY });
     let mut observer =
         Progress { start: begun, next_s: 0.0, total, callback: progress, checkpoints, watch, failure: None };
-    let output = py.detach(|| match resume {
-        Some(snapshot) => fastslam_core::run::resume(&config, &log, &beginning, snapshot, &mut observer),
-        None => fastslam_core::run::run_from(&config, &log, &beginning, &mut observer),
-    });
-    let output = output.map_err(to_python)?;
+    let make = |config, identities| sensor::make(sensor.as_ref(), config, identities);
+    let output = py.detach(|| run_with(&make, (&config, &log, &beginning), resume, &mut observer));
+    let output = sensor::answer(sensor.as_ref(), output)?;
     if let Some(error) = observer.failure.filter(|e| !e.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)) {
         return Err(error);
     }

@@ -2,6 +2,7 @@
 
 use crate::filter::{identities_named, Scan};
 use crate::given::{GivenMap, GivenStart};
+use crate::sensor::{self, check_not_asked, Sensor};
 use crate::settings::{to_json, to_python};
 use crate::view::{hypotheses_to_arrays, map_to_dict, path_to_arrays, View};
 use crate::{config, given, noise, run, step};
@@ -31,10 +32,12 @@ pub struct Stream {
     /// The steps so far, where they are kept.
     steps: Mutex<Option<Vec<StepRecord>>>,
     config: Config,
+    sensor: Option<Sensor>,
 }
 
 impl Stream {
     fn locked<T: Send>(&self, py: Python<'_>, work: impl FnOnce(&mut Core) -> T + Send) -> PyResult<T> {
+        check_not_asked()?;
         py.detach(|| self.stream.lock().map(|mut stream| work(&mut stream)).ok())
             .ok_or_else(|| PySystemError::new_err("the stream failed in an earlier call and cannot go on"))
     }
@@ -63,22 +66,28 @@ fn pose_to_arrays<'py>(py: Python<'py>, stamp_s: f64, pose: &PoseEstimate) -> Py
 impl Stream {
     /// `window`: how late rows may be, how long sightings wait for odometry, how far ahead a row may be; seconds.
     #[new]
-    fn new(config_json: &str, identities: &str, window: [f64; 3]) -> PyResult<Self> {
+    #[pyo3(signature = (config_json, identities, window, sensor=None))]
+    fn new(config_json: &str, identities: &str, window: [f64; 3], sensor: Option<Sensor>) -> PyResult<Self> {
         let config = config::parse(config_json)?;
         let [late_s, wait_s, gap_s] = window;
         let window = Window { late_s, wait_s, gap_s };
         window.validate().map_err(to_python)?;
-        let stream = Core::new(config.clone(), identities_named(identities)?, window).map_err(to_python)?;
-        Ok(Self { stream: Mutex::new(stream), steps: Mutex::default(), config })
+        let make = |config, identities| sensor::make(sensor.as_ref(), config, identities);
+        let made = Core::of(config.clone(), identities_named(identities)?, window, &make);
+        let stream = Mutex::new(sensor::answer(sensor.as_ref(), made)?);
+        Ok(Self { stream, steps: Mutex::default(), config, sensor })
     }
 
     /// The stream of a snapshot, its configuration as JSON, and the note that was kept with it.
     #[staticmethod]
-    fn load(py: Python<'_>, snapshot: &[u8]) -> PyResult<(Self, String, String)> {
-        let (stream, note) = py.detach(|| Core::load(snapshot)).map_err(to_python)?;
+    #[pyo3(signature = (snapshot, sensor=None))]
+    fn load(py: Python<'_>, snapshot: &[u8], sensor: Option<Sensor>) -> PyResult<(Self, String, String)> {
+        let make = |config, identities| sensor::make(sensor.as_ref(), config, identities);
+        let loaded = py.detach(|| Core::load(snapshot, &make));
+        let (stream, note) = sensor::answer(sensor.as_ref(), loaded)?;
         let config = stream.config().clone();
         let json = to_json(&config)?;
-        Ok((Self { stream: Mutex::new(stream), steps: Mutex::default(), config }, json, note))
+        Ok((Self { stream: Mutex::new(stream), steps: Mutex::default(), config, sensor }, json, note))
     }
 
     /// Starts in a map, at a start: before anything else.
@@ -132,7 +141,7 @@ impl Stream {
     /// The next step that the rows allow: its stamp, pose, covariance and fields; none where more must come.
     fn step<'py>(&self, py: Python<'py>) -> PyResult<Option<(StampedPose<'py>, Bound<'py, PyDict>)>> {
         let begun = Instant::now();
-        let record = self.locked(py, Core::step)?.map_err(to_python)?;
+        let record = sensor::answer(self.sensor.as_ref(), self.locked(py, Core::step)?)?;
         let Some(record) = record else { return Ok(None) };
         if let Some(steps) = self.kept()?.as_mut() {
             steps.push(StepRecord { latency_s: begun.elapsed().as_secs_f64(), ..record });
@@ -145,7 +154,8 @@ impl Stream {
     }
 
     fn finish(&self, py: Python<'_>) -> PyResult<bool> {
-        self.locked(py, Core::finish)
+        let changed = self.locked(py, Core::finish)?;
+        sensor::answer(self.sensor.as_ref(), Ok(changed))
     }
 
     /// Stamp, mean and covariance of the pose at the newest row; none before the first.

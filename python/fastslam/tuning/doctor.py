@@ -76,7 +76,7 @@ def diagnose(log: Log, config: Layer | None = None) -> Diagnosis:
     if any(finding.severity == "error" for finding in findings) or len(log.controls.stamp_s) < 2:
         return Diagnosis((), findings, 0)
     subject = prepare(log, config)
-    ranges_alone = subject.config["sensor"]["model"] == "range"
+    ranges_alone = subject.config["sensor"]["model"] != "range_bearing"
     if len(subject.log.sightings.stamp_s) == 0 or ranges_alone:
         return Diagnosis((), findings, 0)
     bench = subject.bench

@@ -110,7 +110,8 @@ impl Mounting {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sensor {
-    /// What a sighting says: `range_bearing`, or `range` alone (beacons that are heard, known by name).
+    /// What a sighting says: `range_bearing`, or `range` alone (beacons that are heard, known by name); `own` stands in
+    /// the settings of a run with a sensor of one's own.
     pub model: SensorModel,
     /// Standard deviation of the range.
     pub range_std_m: f64,
@@ -177,13 +178,19 @@ pub enum SensorModel {
     RangeBearing,
     /// Distance of a landmark alone.
     Range,
+    /// A sensor of one's own, from Python: only together with one.
+    Own,
 }
 
+/// What is expected where there is no sensor of one's own.
+pub(crate) const EXPECTED_OF_OWN: &str = "range_bearing or range where no sensor of one's own is given (`sensor=`)";
+
 impl SensorModel {
-    /// A reported range and bearing as the value of a sighting: what the sensor does not measure counts for nothing.
+    /// A reported range and bearing as the value of a sighting: what the sensor does not measure counts for nothing; a
+    /// sensor of one's own takes what is its.
     pub fn value_of(self, range_m: f64, bearing_rad: f64) -> [f64; 2] {
         match self {
-            Self::RangeBearing => [range_m, bearing_rad],
+            Self::RangeBearing | Self::Own => [range_m, bearing_rad],
             Self::Range => [range_m, 0.0],
         }
     }
@@ -253,6 +260,7 @@ impl Sensor {
                 let expected = "range_bearing: `slam::create` makes the filter for ranges alone";
                 Err(Error::parameter("sensor.model", "range", expected))
             }
+            SensorModel::Own => Err(Error::parameter("sensor.model", "own", EXPECTED_OF_OWN)),
         }
     }
 

@@ -17,11 +17,11 @@ use crate::random::Purpose;
 const EVERY_STEPS: u32 = 10;
 
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
-    /// Whether it is time: after so many steps, and a share of the log so far.
-    pub(super) fn draw_is_due(&self) -> bool {
+    /// Whether it is time, this many steps from now: after so many steps, and a share of the log so far.
+    pub(super) fn draw_is_due_after(&self, steps: usize) -> bool {
         let settings = &self.config.filter.rejuvenation;
         let every = settings.every_steps.unwrap_or(EVERY_STEPS);
-        let (steps, last) = (self.state.past.steps(), self.state.counters.drawn_at as f64);
+        let (steps, last) = (self.state.past.steps() + steps, self.state.counters.drawn_at as f64);
         every > 0 && steps as f64 - last >= f64::from(every).max(settings.growth * last)
     }
 

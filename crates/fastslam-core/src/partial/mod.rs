@@ -68,16 +68,23 @@ impl PartialSlam<RangeOnly, 1> {
     /// **Errors:** an invalid configuration, or one that asks for what this filter cannot do.
     pub fn range_only(config: Config) -> Result<Self> {
         let model = RangeOnly { range_std_m: config.sensor.range_std_m };
-        let std = [config.sensor.range_scale_std, config.sensor.range_bias_std_m];
-        let std = std::array::from_fn(|i| std[i].unwrap_or(USUAL_STD[i]));
-        let mean = Calibration { scale: config.sensor.range_scale, bias: config.sensor.range_bias_m };
-        Self::with_sensor(config, model, Prior { mean, std })
+        Self::learning(config, model)
     }
 }
 
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
-    /// A filter for a sensor of one's own that reports what is true; it brings its own noise, and of `Config::sensor`
-    /// the limits, the tail and the mounting count.
+    /// A filter for a sensor of one's own whose first number is a range of which scale and bias are to be learned, as
+    /// `Config::sensor` says. It brings its own noise; the limits, the tail and the mounting are those of `Config::sensor`.
+    ///
+    /// **Errors:** as [`PartialSlam::range_only`].
+    pub fn learning(config: Config, sensor: S) -> Result<Self> {
+        let std = [config.sensor.range_scale_std, config.sensor.range_bias_std_m];
+        let std = std::array::from_fn(|i| std[i].unwrap_or(USUAL_STD[i]));
+        let mean = Calibration { scale: config.sensor.range_scale, bias: config.sensor.range_bias_m };
+        Self::with_sensor(config, sensor, Prior { mean, std })
+    }
+
+    /// A filter for a sensor of one's own that reports what is true; otherwise as [`PartialSlam::learning`].
     ///
     /// **Errors:** as [`PartialSlam::range_only`].
     pub fn new(config: Config, sensor: S) -> Result<Self> {
@@ -111,28 +118,15 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// Processes all sightings of one stamp (there may be none).
     ///
     /// **Errors:** [`Error::AllWeightsZero`] when no particle can explain the sightings, [`Error::NotFinite`] when the step
-    /// would leave a number that is none, and what a sensor of one's own reports. The filter then goes on without the
-    /// scan.
+    /// would leave a number that is none, and what a sensor of one's own reports. The filter is then as it was, to the
+    /// last bit.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
-        let before = self.state.cloud.clone();
-        let kept = self.state.past.sightings.len();
-        let mut ancestors = None;
-        let done = self.take_in(stamp_s, sightings, &mut ancestors);
+        let before = self.state.before(self.draw_is_due_after(1));
+        let done = self.take_in(stamp_s, sightings);
         if done.is_err() {
-            self.go_back(before, ancestors, kept);
+            self.state.go_back(before);
         }
         done
-    }
-
-    /// Forgets a scan: the particles are as before it, but for those that resampling has chosen.
-    fn go_back(&mut self, before: Cloud, ancestors: Option<Vec<u32>>, kept: usize) {
-        self.state.cloud = before;
-        self.state.past.cut(kept);
-        let known = self.state.cloud.names.len() as u32;
-        self.state.slot_of.retain(|_, slot| *slot < known);
-        if let Some(ancestors) = ancestors {
-            self.state.cloud.resample(&ancestors);
-        }
     }
 
     /// Draws the poses from the beliefs. As long as nothing is weighed the first particle is where it most likely is, so

@@ -50,15 +50,15 @@ impl Kept {
         Heard {
             slot: self.slot as usize,
             measured: std::array::from_fn(|i| self.value[i]),
-            noise: Noise { covariance: numbers(self.noise), tail: self.tail },
+            noise: Noise { covariance: numbers(self.noise, std::array::from_fn(|i| i)), tail: self.tail },
         }
     }
 }
 
-/// The first `Z` rows and columns, one or two.
-pub(super) fn numbers<const Z: usize>(Symmetric2 { xx, xy, yy }: Symmetric2) -> Matrix<Z, Z> {
+/// These rows and columns, one or two.
+pub(super) fn numbers<const Z: usize>(Symmetric2 { xx, xy, yy }: Symmetric2, columns: [usize; Z]) -> Matrix<Z, Z> {
     let full = [[xx, xy], [xy, yy]];
-    std::array::from_fn(|a| std::array::from_fn(|b| full[a][b]))
+    columns.map(|a| columns.map(|b| full[a][b]))
 }
 
 /// Motions and sightings by step; a step is a pose of the path.
@@ -81,8 +81,9 @@ impl Past {
         self.motions.push(motion);
     }
 
-    /// Forgets sightings of a step that did not end.
-    pub fn cut(&mut self, sightings: usize) {
+    /// Forgets all but so many motions and sightings.
+    pub fn cut(&mut self, (motions, sightings): (usize, usize)) {
+        self.motions.truncate(motions);
         self.sightings.truncate(sightings);
     }
 

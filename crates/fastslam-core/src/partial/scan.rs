@@ -1,8 +1,8 @@
 //! One scan: propose, weigh, resample, sample, correct.
 
 use super::past::{numbers, Heard, Noise};
-use super::place::{spread_of, Part, Place};
-use super::sensing::{by_robot, Look, Request, Sensing};
+use super::place::{spread_of, Place};
+use super::sensing::{by_robot, Request, Sensing};
 use super::state::Name;
 use super::PartialSlam;
 use crate::belief::Belief;
@@ -35,12 +35,7 @@ struct Named<const Z: usize> {
 }
 
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
-    pub(super) fn take_in(
-        &mut self,
-        stamp_s: f64,
-        sightings: &[Sighting],
-        ancestors: &mut Option<Vec<u32>>,
-    ) -> Result<StepInfo> {
+    pub(super) fn take_in(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         let mut info = StepInfo { step: self.state.counters.steps, ..StepInfo::default() };
         let rounds = self.rounds(sightings, &mut info.skipped);
         info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
@@ -49,15 +44,17 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let pending_std = self.state.cloud.pending.covariance[2][2].sqrt();
         info.sampled = info.sightings > 0 || pending_std >= LARGEST_LINEARISED_HEADING_STD_RAD;
         if info.sampled {
-            let motion = self.state.cloud.pending;
+            let (motion, mut ancestors) = (self.state.cloud.pending, None);
             for round in &rounds {
-                self.process(round, ancestors, &mut info)?;
+                self.process(round, &mut ancestors, &mut info)?;
             }
             self.check_numbers()?;
+            // Only now: what was done to the paths cannot be undone.
+            ancestors.iter().for_each(|ancestors| self.state.path.resample(ancestors));
             let particles = &self.state.cloud.particles;
             self.state.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
             self.state.past.step_done(motion);
-            if self.draw_is_due() {
+            if self.draw_is_due_after(0) {
                 info.rejuvenated = self.draw_anew()?;
             }
         } else {
@@ -90,17 +87,18 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// A sighting that can be used; others are counted by reason.
     fn usable(&self, sighting: &Sighting, skipped: &mut Skipped) -> Option<Named<Z>> {
         let sensor = &self.config.sensor;
-        let measured: [f64; Z] = std::array::from_fn(|i| sighting.value[i]);
-        let size = self.prior.mean.corrected(measured)[0];
-        let noise = sighting.noise.map(numbers::<Z>);
+        let columns = self.sensor.columns();
+        let measured = columns.map(|column| sighting.value[column]);
+        let distance_m = self.sensor.distance(&self.prior.mean.corrected(measured));
+        let noise = sighting.noise.map(|noise| numbers(noise, columns));
         let sized = |c: &Matrix<Z, Z>| {
             (0..Z).all(|i| (LEAST * LEAST..=LONGEST_M * LONGEST_M).contains(&c[i][i])) && Cholesky::of(c).is_some()
         };
         if !measured.iter().all(|v| v.is_finite()) {
             skipped.not_finite += 1;
-        } else if size < sensor.min_range_m {
+        } else if distance_m.is_some_and(|distance_m| distance_m < sensor.min_range_m) {
             skipped.too_near += 1;
-        } else if size > sensor.max_range_m {
+        } else if distance_m.is_some_and(|distance_m| distance_m > sensor.max_range_m) {
             skipped.too_far += 1;
         } else if sighting.identity.is_none() {
             skipped.without_identity += 1;
@@ -145,10 +143,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             });
         }
         self.sample(&beliefs);
-        let mut weighed = false;
-        for one in &known {
-            weighed |= self.correct(one)?;
-        }
+        let weighed = self.correct(&known)?;
         for one in &new {
             self.give_birth(one)?;
             info.new_landmarks += 1;
@@ -296,33 +291,36 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let mut drawn = Vec::new();
         resample(settings.scheme, &self.state.cloud.weights.values, count, stream, &mut drawn);
         self.state.cloud.resample(&drawn);
-        self.state.path.resample(&drawn);
         info.resampled = true;
         Some(drawn)
     }
 
-    /// Corrects a landmark in all maps at the sampled poses; tells whether that has weighed the particles.
-    fn correct(&mut self, one: &Heard<Z>) -> Result<bool> {
+    /// Corrects landmarks in all maps at the sampled poses, all of which the sensor is asked for at once; tells whether
+    /// that has weighed the particles.
+    fn correct(&mut self, known: &[Heard<Z>]) -> Result<bool> {
         let cloud = &self.state.cloud;
-        let count = cloud.particles.len();
-        let held: Vec<Vec<Part>> = (0..count).map(|i| cloud.maps[i][one.slot].parts()).collect();
-        let mut requests = Vec::with_capacity(count);
-        for (i, parts) in held.iter().enumerate() {
-            let sensor = cloud.particles.pose(i).compose(self.T_robot_sensor);
-            requests.extend(parts.iter().map(|part| self.request(one, sensor, i, part.gaussian.mean)));
+        let mut requests = Vec::new();
+        for one in known {
+            for (i, map) in cloud.maps.iter().enumerate() {
+                let sensor = cloud.particles.pose(i).compose(self.T_robot_sensor);
+                let parts = map[one.slot].parts();
+                requests.extend(parts.iter().map(|part| self.request(one, sensor, i, part.gaussian.mean)));
+            }
         }
         let looks = self.sensor.look(&requests)?;
-        let (mut from, mut weighed) = (0, false);
+        let (mut rest, mut weighed) = (looks.as_slice(), false);
         let (weighs_all, learning) = (self.config.algorithm == Algorithm::Fastslam1, self.is_learning());
-        for (i, parts) in held.iter().enumerate() {
-            let looks: &[Look<Z>] = &looks[from..from + parts.len()];
-            from += parts.len();
-            let place = &mut self.state.cloud.maps[i][one.slot];
-            let weighs = !learning && (weighs_all || matches!(place, Place::Many(_)));
-            let likelihood = place.correct(looks, &one.noise);
-            if weighs {
-                weighed = true;
-                self.state.cloud.weigh(i, self.config.filter.likelihood_exponent * likelihood);
+        for one in known {
+            for i in 0..self.state.cloud.maps.len() {
+                let place = &mut self.state.cloud.maps[i][one.slot];
+                let (own, others) = rest.split_at(place.parts().len());
+                rest = others;
+                let weighs = !learning && (weighs_all || matches!(place, Place::Many(_)));
+                let likelihood = place.correct(own, &one.noise);
+                if weighs {
+                    weighed = true;
+                    self.state.cloud.weigh(i, self.config.filter.likelihood_exponent * likelihood);
+                }
             }
         }
         Ok(weighed)

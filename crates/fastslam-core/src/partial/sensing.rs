@@ -68,6 +68,14 @@ pub trait Sensing<const Z: usize>: Send + Sync {
     /// R: covariance of what is reported.
     fn noise(&self) -> Matrix<Z, Z>;
 
+    /// Which of the two values of a sighting its numbers are: 0 for the range, 1 for the bearing.
+    fn columns(&self) -> [usize; Z] {
+        std::array::from_fn(|i| i)
+    }
+
+    /// How far the landmark is, where a sighting says so: for the limits of the sensor.
+    fn distance(&self, measured: &[f64; Z]) -> Option<f64>;
+
     /// Where a landmark may be that was sighted once, from each of these poses: Gaussians with their shares.
     ///
     /// **Errors:** those of a sensor of one's own.
@@ -93,6 +101,10 @@ impl<const Z: usize, M: Observation<Z, 2>> Sensing<Z> for M {
 
     fn noise(&self) -> Matrix<Z, Z> {
         Observation::noise(self)
+    }
+
+    fn distance(&self, measured: &[f64; Z]) -> Option<f64> {
+        self.components().iter().position(|component| component.name == "range").map(|i| measured[i])
     }
 
     fn births(&self, sightings: &[(Pose, [f64; Z])], noise: &Matrix<Z, Z>) -> Result<Vec<Vec<(f64, Normal<2>)>>> {

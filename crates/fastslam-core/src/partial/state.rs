@@ -62,7 +62,42 @@ pub(super) struct State {
     pub noise_report: NoiseReport,
 }
 
+/// All of a state that a step changes before it can fail.
+pub(super) struct Before {
+    cloud: Cloud,
+    slot_of: FxHashMap<u32, u32>,
+    /// Where the step ends with a draw, which can fail.
+    path: Option<PathForest>,
+    /// Motions and sightings of the past.
+    lengths: (usize, usize),
+    counters: Counters,
+    watch: Watch,
+    noise_report: NoiseReport,
+}
+
 impl State {
+    /// What [`State::go_back`] needs.
+    pub fn before(&self, draws: bool) -> Before {
+        Before {
+            cloud: self.cloud.clone(),
+            slot_of: self.slot_of.clone(),
+            path: draws.then(|| self.path.clone()),
+            lengths: (self.past.motions.len(), self.past.sightings.len()),
+            counters: self.counters,
+            watch: self.watch.clone(),
+            noise_report: self.noise_report,
+        }
+    }
+
+    /// Undoes a step that failed.
+    pub fn go_back(&mut self, before: Before) {
+        let Before { cloud, slot_of, path, lengths, counters, watch, noise_report } = before;
+        self.past.cut(lengths);
+        self.path = path.unwrap_or_else(|| std::mem::take(&mut self.path));
+        (self.cloud, self.slot_of, self.counters) = (cloud, slot_of, counters);
+        (self.watch, self.noise_report) = (watch, noise_report);
+    }
+
     /// At the configured initial pose with empty maps.
     pub fn new(config: &Config, calibrations: Vec<Calibration>) -> Self {
         let (start, count) = (config.initial_pose.T_world_robot(), calibrations.len());

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::filter::{Identities, MapEstimate, Skipped};
 use crate::geometry::Pose;
 use crate::given::Beginning;
+use crate::slam::{self, Maker};
 use crate::store::StoreUsage;
 pub use crate::stream::StepRecord;
 use crate::stream::{Stream, Window};
@@ -74,7 +75,24 @@ pub fn run_from(
     beginning: &Beginning,
     observer: &mut dyn Observer,
 ) -> Result<RunOutput> {
-    Run::new(config, log, beginning)?.finish(observer)
+    run_with(&slam::create, (config, log, beginning), None, observer)
+}
+
+/// Runs a filter that `make` makes over a log, from its beginning or going on from a snapshot.
+///
+/// **Errors:** as [`run_from`] and [`resume`], and those of `make`.
+pub fn run_with(
+    make: Maker<'_>,
+    (config, log, beginning): (&Config, &LogData, &Beginning),
+    snapshot: Option<&[u8]>,
+    observer: &mut dyn Observer,
+) -> Result<RunOutput> {
+    let run = Run::new(make, config, log, beginning)?;
+    let run = match snapshot {
+        Some(snapshot) => run.resumed(snapshot)?,
+        None => run,
+    };
+    run.finish(observer)
 }
 
 /// Goes on with a run of which [`Observer::keep`] got a snapshot; what comes out is that of the run without the cut, but
@@ -89,7 +107,7 @@ pub fn resume(
     snapshot: &[u8],
     observer: &mut dyn Observer,
 ) -> Result<RunOutput> {
-    Run::from_snapshot(config, log, beginning, snapshot)?.finish(observer)
+    run_with(&slam::create, (config, log, beginning), Some(snapshot), observer)
 }
 
 /// A run under way.
@@ -103,11 +121,11 @@ struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    fn new(config: &'a Config, log: &'a LogData, beginning: &'a Beginning) -> Result<Self> {
+    fn new(make: Maker<'_>, config: &'a Config, log: &'a LogData, beginning: &'a Beginning) -> Result<Self> {
         log.validate()?;
         log.check_gaps(config.filter.path_period_s)?;
         config.association.check_classes(&log.sightings)?;
-        let mut stream = Stream::new(config.clone(), identities_in(log), Window::OF_A_LOG)?;
+        let mut stream = Stream::of(config.clone(), identities_in(log), Window::OF_A_LOG, make)?;
         stream.filter().begin(beginning)?;
         Ok(Self { config, log, beginning, rows: Box::new(log.rows()), stream, steps: Vec::new() })
     }

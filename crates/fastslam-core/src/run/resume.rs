@@ -1,13 +1,10 @@
 //! A run's snapshot, and going on from it.
 
 use super::{identities_in, Run};
-use crate::config::Config;
 use crate::error::{Error, Result};
-use crate::given::Beginning;
 use crate::sighting::Skipped;
 use crate::snapshot::{content, open, seal, Head, Holds};
 use crate::stream::{PathStep, StepRecord, Tally};
-use crate::timeline::LogData;
 use serde::Deserialize;
 
 /// What follows the head: checksum of the log, what was done, the filter's own snapshot.
@@ -41,22 +38,17 @@ impl<'a> Run<'a> {
         Ok(self.log.checksum() ^ crc32fast::hash(&bytes))
     }
 
-    pub(super) fn from_snapshot(
-        config: &'a Config,
-        log: &'a LogData,
-        beginning: &'a Beginning,
-        snapshot: &[u8],
-    ) -> Result<Self> {
-        let mut run = Self::new(config, log, beginning)?;
+    /// Where the run was of which this is a snapshot.
+    pub(super) fn resumed(mut self, snapshot: &[u8]) -> Result<Self> {
         let (head, stored) = open(snapshot, Holds::Run)?;
-        head.check(config, identities_in(log))?;
+        head.check(self.config, identities_in(self.log))?;
         let Stored(checksum, done, filter) = content(&stored)?;
-        if checksum != run.checksum()? {
+        if checksum != self.checksum()? {
             return Err(Error::Input("the snapshot is refused: it is of a run over another log, map or start".into()));
         }
         let Done { events, steps, path_steps, skipped, repaired } = done;
-        run.stream.go_to(Tally { events, path_steps, skipped, repaired }, &filter, &mut run.rows)?;
-        run.steps = steps;
-        Ok(run)
+        self.stream.go_to(Tally { events, path_steps, skipped, repaired }, &filter, &mut self.rows)?;
+        self.steps = steps;
+        Ok(self)
     }
 }

@@ -10,7 +10,7 @@ use crate::geometry::Pose;
 use crate::given::Beginning;
 use crate::motion::MotionGaussian;
 use crate::sighting::{Sighting, Skipped};
-use crate::slam::{self, Slam};
+use crate::slam::{self, Maker, Slam};
 use crate::snapshot::{content, open, seal, Head, Holds};
 use crate::step_info::StepInfo;
 use crate::timeline::{Event, Row, Timeline};
@@ -69,7 +69,14 @@ impl Stream {
     ///
     /// **Errors:** an invalid configuration. The window is taken as it is: see [`Window::validate`].
     pub fn new(config: Config, identities: Identities, window: Window) -> Result<Self> {
-        let filter = slam::create(config.clone(), identities)?;
+        Self::of(config, identities, window, &slam::create)
+    }
+
+    /// The same with a filter that `make` makes.
+    ///
+    /// **Errors:** as [`Stream::new`].
+    pub fn of(config: Config, identities: Identities, window: Window, make: Maker<'_>) -> Result<Self> {
+        let filter = make(config.clone(), identities)?;
         let timeline = Timeline::new(config.motion.timing(), config.filter.path_period_s, window.wait_s);
         let (intake, tally, since) = (Intake::new(window), Tally::default(), MotionGaussian::default());
         Ok(Self { config, identities, filter, timeline, intake, tally, since })
@@ -193,11 +200,12 @@ impl Stream {
 
     /// The stream that a snapshot was taken of, with its note.
     ///
-    /// **Errors:** [`Error::Input`] when the bytes are no snapshot, of something else, of another format or damaged.
-    pub fn load(snapshot: &[u8]) -> Result<(Self, String)> {
+    /// **Errors:** [`Error::Input`] when the bytes are no snapshot, of something else, of another format or damaged; those
+    /// of `make`.
+    pub fn load(snapshot: &[u8], make: Maker<'_>) -> Result<(Self, String)> {
         let (head, stored) = open(snapshot, Holds::Stream)?;
         let Stored(timeline, intake, tally, since, filter) = content(&stored)?;
-        let fresh = Self::new(head.config()?, head.identities, intake.window)?;
+        let fresh = Self::of(head.config()?, head.identities, intake.window, make)?;
         let mut stream = Self { timeline, intake, tally, since, ..fresh };
         stream.filter.restore(&filter)?;
         Ok((stream, head.note))

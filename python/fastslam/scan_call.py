@@ -1,0 +1,152 @@
+"""The sightings of one scan as a caller gives them, checked as those of a file are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import _core
+from ._given import numbers, shown
+from .config import Config
+from .errors import DataError
+from .identity import nobody_knows
+from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, is_definite
+from .log import Floats, Ints
+from .sensors import Adapter, measured_columns
+
+Identity = str | float | None
+"""Name or number (from 0) of a landmark; None, -1, NaN and some words where nobody says which one it is
+(`fastslam.identity.NOBODY_KNOWS`)."""
+
+
+def measured_scan(
+    config: Config, adapter: Adapter | None, range_m: ArrayLike | None, bearing_rad: ArrayLike | None
+) -> tuple[Floats, Floats]:
+    """Ranges and bearings of a call, NaN where it has none. Errors: `DataError` where one is missing."""
+    model = config["sensor"]["model"]
+    needed = measured_columns(model, adapter)
+    given = {"range_m": range_m, "bearing_rad": bearing_rad}
+    columns = {name: column(name, values) for name, values in given.items() if values is not None}
+    count = max((len(column) for column in columns.values()), default=0)
+    for name in needed:
+        if name not in columns and (count > 0 or not columns):
+            raise DataError(f"{name}: got none, but sensor.model is {model}")
+    return columns.get("range_m", np.full(count, np.nan)), columns.get("bearing_rad", np.full(count, np.nan))
+
+
+def checked_scan(
+    config: Config,
+    measured: tuple[Floats, Floats],
+    identity: Sequence[Identity] | None,
+    covariance: ArrayLike | None = None,
+    class_index: ArrayLike | None = None,
+    signature: ArrayLike | None = None,
+) -> Scan:
+    """The sightings of a call, checked as those of a file are."""
+    range_m, bearing_rad = measured
+    scan = Scan(
+        range_m=range_m,
+        bearing_rad=bearing_rad,
+        names=None if identity is None else _names(identity),
+        covariance=None if covariance is None else _covariances(covariance),
+        class_index=None if class_index is None else _classes(class_index),
+        signature=None if signature is None else column("signature", signature),
+    )
+    if (np.abs(scan.bearing_rad[np.isfinite(scan.bearing_rad)]) > LARGEST_BEARING_RAD).any():
+        raise DataError(f"bearing_rad: {DEGREES_HINT}")
+    if (
+        scan.class_index is not None
+        and (scan.class_index >= 0).any()
+        and config["association"]["classes"] is None
+    ):
+        raise DataError("class_index: association.classes is not configured")
+    return scan
+
+
+@dataclass(frozen=True)
+class Scan:
+    """The arguments of one update, as arrays of the right kind."""
+
+    range_m: Floats
+    bearing_rad: Floats
+    names: tuple[str | None, ...] | None
+    covariance: Floats | None
+    class_index: Ints | None
+    signature: Floats | None
+
+    def new_names(self, known: Mapping[str, int]) -> dict[str, int]:
+        """Numbers for the names that are not known yet."""
+        index_of: dict[str, int] = {}
+        for name in self.names or ():
+            if name is not None and name not in known:
+                index_of.setdefault(name, len(known) + len(index_of))
+        return index_of
+
+    def columns(self, index_of: Mapping[str, int]) -> _core._ScanColumns:
+        """What the core takes: names as their numbers, -1 where there is none."""
+        count = len(self.range_m)
+        names = (None,) * count if self.names is None else self.names
+        identity = np.array([-1 if name is None else index_of[name] for name in names], dtype=np.int64)
+        return (self.range_m, self.bearing_rad, identity, self.covariance, self.class_index, self.signature)
+
+
+def number(name: str, value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(f"{name}: got {shown(value)}, expected a number") from None
+
+
+def column(name: str, values: ArrayLike) -> Floats:
+    column = np.atleast_1d(numbers(name, values))
+    if column.ndim != 1:
+        raise DataError(f"{name}: got shape {column.shape}, expected one number per sighting")
+    return column
+
+
+def _classes(class_index: ArrayLike) -> Ints:
+    classes = column("class_index", class_index)
+    if not (
+        np.isfinite(classes) & (classes == np.round(classes)) & (classes >= -1) & (classes < 2**32)
+    ).all():
+        raise DataError(
+            f"class_index: expected whole numbers from 0, or -1 for none, got {shown(class_index)}"
+        )
+    return classes.astype(np.int64)
+
+
+def _covariances(covariance: ArrayLike) -> Floats:
+    rows = numbers("covariance", covariance)
+    if rows.size % 3:
+        raise DataError("covariance: expected n x 3 numbers (m², m·rad, rad²)")
+    rows = rows.reshape(-1, 3)
+    given = ~np.isnan(rows).all(axis=1)
+    wrong = given & ~is_definite(rows)
+    if wrong.any():
+        row = rows[np.argmax(wrong)].tolist()
+        raise DataError(f"covariance: got {row}, expected a positive definite one or three NaN")
+    return rows
+
+
+def _names(identity: Sequence[Identity]) -> tuple[str | None, ...]:
+    if isinstance(identity, str):
+        raise DataError(f"identity: got the text {identity!r}, expected one name per sighting")
+    try:
+        return tuple(_name(value) for value in identity)
+    except TypeError:
+        raise DataError(f"identity: got {shown(identity)}, expected one name per sighting") from None
+
+
+def _name(identity: Identity) -> str | None:
+    """A landmark's name as text; what logs write for nobody knows must not become a name."""
+    if identity is None or (
+        isinstance(identity, str | float | int | np.number) and nobody_knows(str(identity))
+    ):
+        return None
+    number = isinstance(identity, int | np.integer) and not isinstance(identity, bool)
+    if isinstance(identity, str) or (number and int(identity) >= 0):
+        return str(identity)
+    raise DataError(f"identity: got {shown(identity)}, expected a name, a number from 0, or None for unknown")
