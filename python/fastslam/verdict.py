@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
+from .contradictions import TwoPlaces, share_misnamed, that_contradict_themselves
 from .health import health_warning
 from .log import Floats, Log, Sightings
 from .result import RunResult
@@ -21,10 +22,6 @@ FEW = 3
 """Fewer than this many landmarks that were not found again say nothing."""
 UNITS = {"feet": 0.3048, "centimetres": 1e-2, "millimetres": 1e-3}
 """What ranges may be in by mistake, in metres; the largest that fits is asked about."""
-
-
-TwoPlaces: TypeAlias = tuple[int, float, float, int, float, float, int]
-"""An identity, then x, y and sightings of the place in the map, then those of the other place."""
 
 
 def warnings_of(result: RunResult) -> tuple[str, ...]:
@@ -48,7 +45,7 @@ def named_twice(sightings: Sightings) -> int:
 def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -> tuple[str, ...]:
     """What the run comes to where that is less than a map and a path, and what the names contradict.
 
-    `two_places` is the core's list of names that were seen at two places.
+    `two_places` is the core's list of names that were seen at two places, as the poses were believed then.
     """
     if result.interrupted:
         return ()
@@ -97,7 +94,9 @@ def _map_verdict(result: RunResult, total: int, *, explained: bool) -> Iterator[
 
 def _names(result: RunResult, log: Log, two_places: Iterable[TwoPlaces]) -> Iterator[str]:
     total = len(log.sightings.stamp_s)
-    for identity, x_m, y_m, seen, other_x_m, other_y_m, seen_there in two_places:
+    doubted = tuple(two_places)
+    real = that_contradict_themselves(doubted, result, log)
+    for identity, x_m, y_m, seen, other_x_m, other_y_m, seen_there in real:
         yield (
             f"landmark {log.identity_names[identity]} stands at two places: ({x_m:.1f}, {y_m:.1f}) m, seen "
             f"{seen:,} times, and ({other_x_m:.1f}, {other_y_m:.1f}) m, seen {seen_there:,} times; the "
@@ -106,7 +105,9 @@ def _names(result: RunResult, log: Log, two_places: Iterable[TwoPlaces]) -> Iter
     if result.config["association"]["mode"] != "known":
         return
     left_out = int(result.steps.ignored.sum()) if (log.sightings.identity >= 0).all() else 0
-    if left_out >= MANY_LEFT_OUT * total:
+    pose_was_off = len(doubted) - len(real) >= FEW
+    misnamed = left_out >= MANY_LEFT_OUT * total and not pose_was_off
+    if misnamed and share_misnamed(result, log) * left_out >= MANY_LEFT_OUT * total:
         yield (
             f"{left_out:,} of {total:,} sightings name a landmark that cannot be seen there and were left "
             "out: misread names? With association.mode = unknown none is needed"
