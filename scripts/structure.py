@@ -2,7 +2,7 @@
 """Measures the Rust crates: rooms, large structs, long functions, circles of files, copied lines.
 
     python3 scripts/structure.py              # a table
-    python3 scripts/structure.py --check      # fails on a circle of files
+    python3 scripts/structure.py --check      # fails on a circle of files, a large struct, a long function
 
 A room is a file or a folder at the top of a crate's `src/`. Tests are left out: files named `tests.rs`,
 and everything under `#[cfg(test)]`. A file depends on another when it names something that is defined there,
@@ -23,6 +23,12 @@ from pathlib import Path
 
 MOST_FIELDS = 12
 MOST_LINES = 40
+_FLAT = (
+    "each field is a key of configuration files that stands there without a section; serde does not support "
+    "`flatten` together with `deny_unknown_fields`, whose errors list the keys there are"
+)
+#: Structs that may have more fields, and why.
+EXCEPTIONS = {"Trunks": _FLAT, "Sensor": _FLAT, "AssociationConfig": _FLAT}
 #: So many equal lines of code in a row count as copied.
 COPIED_LINES = 6
 
@@ -237,7 +243,7 @@ def copied_lines(sources: list[Source]) -> int:
 
 
 def report(source_folder: Path) -> int:
-    """Prints what was found of one crate; returns the number of circles."""
+    """Prints what was found of one crate; returns how much of it must not be."""
     sources = read(source_folder)
     if not sources:
         raise SystemExit(f"{source_folder}: no Rust files")
@@ -250,13 +256,34 @@ def report(source_folder: Path) -> int:
     print("\n  lines of code per room (files)")
     for room, sizes in sorted(rooms.items(), key=lambda item: -sum(item[1])):
         print(f"    {sum(sizes):5}  {room} ({len(sizes)})")
-    large = [(n, name, s.path) for s in sources for name, n in fields(s.code) if n > MOST_FIELDS]
+    large, excused, long = large_structs(sources), excused_structs(sources), long_functions(sources)
     show(f"structs of more than {MOST_FIELDS} fields", large, source_folder)
-    long = [(n, name, s.path) for s in sources for name, n in functions(s.code) if n > MOST_LINES]
+    show("structs of more fields for a reason", excused, source_folder)
+    for reason in sorted({EXCEPTIONS[name] for _, name, _ in excused}):
+        print(f"      {reason}")
     show(f"functions of more than {MOST_LINES} lines", long, source_folder)
     found = show_circles(sources, source_folder)
     print(f"\n  copied lines (in runs of {COPIED_LINES} or more): {copied_lines(sources)}\n")
-    return found
+    return found + len(large) + len(long)
+
+
+def large_structs(sources: list[Source]) -> list[tuple[int, str, Path]]:
+    """Structs of more than `MOST_FIELDS` fields without an exception: fields, name, file."""
+    return [found for found in _structs(sources) if found[1] not in EXCEPTIONS]
+
+
+def excused_structs(sources: list[Source]) -> list[tuple[int, str, Path]]:
+    """Structs of more than `MOST_FIELDS` fields with an exception."""
+    return [found for found in _structs(sources) if found[1] in EXCEPTIONS]
+
+
+def _structs(sources: list[Source]) -> list[tuple[int, str, Path]]:
+    return [(n, name, s.path) for s in sources for name, n in fields(s.code) if n > MOST_FIELDS]
+
+
+def long_functions(sources: list[Source]) -> list[tuple[int, str, Path]]:
+    """Functions of more than `MOST_LINES` lines: lines, name, file."""
+    return [(n, name, s.path) for s in sources for name, n in functions(s.code) if n > MOST_LINES]
 
 
 def show_circles(sources: list[Source], source_folder: Path) -> int:
@@ -284,7 +311,7 @@ def main() -> int:
     """The command."""
     root = Path(__file__).resolve().parent.parent
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="exit with 1 when there is a circle of files")
+    parser.add_argument("--check", action="store_true", help="exit with 1 when a rule is broken")
     parser.add_argument("crate", nargs="*", help="names of crates (default: all)")
     arguments = parser.parse_args()
     crates = arguments.crate or [path.name for path in sorted((root / "crates").iterdir()) if path.is_dir()]
@@ -295,7 +322,7 @@ def main() -> int:
             parser.error(f"no crate {crate}: {folder} is no folder")
         found += report(folder)
     if arguments.check and found:
-        print(f"{found} circles of files", file=sys.stderr)
+        print(f"{found} circles of files, large structs and long functions", file=sys.stderr)
         return 1
     return 0
 

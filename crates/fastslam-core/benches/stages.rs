@@ -58,7 +58,7 @@ fn filter(
     let mut filter = FastSlam::new(config, identities).expect("a valid configuration");
     let everything: Vec<Sighting> = (0..k).map(|n| sighting(n, identities)).collect();
     let info = filter.update(0.0, &everything).expect("new landmarks");
-    assert_eq!(info.new_landmarks, k);
+    assert_eq!(info.changes.new_landmarks, k);
     filter
 }
 

@@ -81,10 +81,10 @@ fn run(case: Case) -> (Vec<u64>, u32) {
             info = filter.update(f64::from(step), &sightings).unwrap();
         });
         if step >= 30 * LAP {
-            assert_eq!(info.new_landmarks, 0, "{case:?}: a steady state finds nothing new");
+            assert_eq!(info.changes.new_landmarks, 0, "{case:?}: a steady state finds nothing new");
             assert!(info.sightings >= 4);
             requests.push(asked.count_total);
-            resampled += u32::from(info.resampled);
+            resampled += u32::from(info.weighing.resampled);
         }
     }
     (requests, resampled)

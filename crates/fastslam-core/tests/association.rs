@@ -46,11 +46,15 @@ fn two_close_landmarks_stay_two_in_either_order_of_sighting() {
             let mut config = config(algorithm, 1);
             config.association.order = order;
             let mut filter = FastSlam::new(config, Identities::None).unwrap();
-            assert_eq!(filter.update(0.0, &[left, right]).unwrap().new_landmarks, 2);
+            assert_eq!(filter.update(0.0, &[left, right]).unwrap().changes.new_landmarks, 2);
             for step in 0..6 {
                 let scan = if step % 2 == 0 { [right, left] } else { [left, right] };
                 let info = filter.update(1.0 + f64::from(step), &scan).unwrap();
-                assert_eq!((info.new_landmarks, info.ignored), (0, 0), "{algorithm:?} {order:?} step {step}");
+                assert_eq!(
+                    (info.changes.new_landmarks, info.left_out.ignored),
+                    (0, 0),
+                    "{algorithm:?} {order:?} step {step}"
+                );
             }
             let map = map(&mut filter);
             assert_eq!(map.iter().map(|l| l.sightings).collect::<Vec<_>>(), [7, 7]);
@@ -82,7 +86,7 @@ fn between_the_gates_a_sighting_is_ignored_and_beyond_them_it_is_new() {
             let before = map(&mut filter);
             let info = filter.update(1.0, &[unlabelled(5.0 + offset_m(mahalanobis_squared), 0.3)]).unwrap();
             let after = map(&mut filter);
-            let got = (info.new_landmarks, info.ignored, after[0].sightings);
+            let got = (info.changes.new_landmarks, info.left_out.ignored, after[0].sightings);
             assert_eq!(got, expected, "{algorithm:?} at {mahalanobis_squared}");
             if expected.2 == 1 {
                 assert_eq!(before[0], after[0], "an ignored sighting changed the landmark");
@@ -100,7 +104,7 @@ fn the_gates_hold_the_same_sightings_with_a_heavy_tail() {
         let mut filter = FastSlam::new(config, Identities::None).unwrap();
         filter.update(0.0, &[unlabelled(5.0, 0.3)]).unwrap();
         let info = filter.update(1.0, &[unlabelled(5.0 + offset_m(mahalanobis_squared), 0.3)]).unwrap();
-        assert_eq!((info.new_landmarks, info.ignored), expected, "at {mahalanobis_squared}");
+        assert_eq!((info.changes.new_landmarks, info.left_out.ignored), expected, "at {mahalanobis_squared}");
     }
 }
 
@@ -116,7 +120,7 @@ fn the_paper_s_constant_decides_when_the_gates_are_open() {
             let mut filter = FastSlam::new(config, Identities::None).unwrap();
             filter.update(0.0, &[unlabelled(5.0, 0.3)]).unwrap();
             let info = filter.update(1.0, &[unlabelled(5.0 + offset_m(12.0), 0.3)]).unwrap();
-            assert_eq!((info.new_landmarks, info.ignored), (new, 0), "{algorithm:?} factor {factor}");
+            assert_eq!((info.changes.new_landmarks, info.left_out.ignored), (new, 0), "{algorithm:?} factor {factor}");
         }
     }
 }
@@ -130,7 +134,7 @@ fn a_landmark_explains_at_most_one_sighting_of_a_scan_unless_told_otherwise() {
             let mut filter = FastSlam::new(config, Identities::None).unwrap();
             filter.update(0.0, &[unlabelled(5.0, 0.3)]).unwrap();
             let info = filter.update(1.0, &[unlabelled(5.02, 0.3), unlabelled(5.05, 0.31)]).unwrap();
-            assert_eq!(info.new_landmarks, new, "{algorithm:?} {exclusion:?}");
+            assert_eq!(info.changes.new_landmarks, new, "{algorithm:?} {exclusion:?}");
             assert_eq!(map(&mut filter).iter().map(|l| l.sightings).collect::<Vec<_>>(), sightings);
         }
     }
@@ -183,7 +187,7 @@ fn every_particle_binds_a_label_for_itself() {
     filter.update(1.0, &[labelled(5.0, 0.0, 7)]).unwrap();
     let before: Vec<_> = (0..60).map(|i| filter.map_of(i)).collect();
     let info = filter.update(2.0, &[labelled(5.0, 0.0, 7)]).unwrap();
-    assert_eq!((info.new_landmarks, info.resampled), (0, false));
+    assert_eq!((info.changes.new_landmarks, info.weighing.resampled), (0, false));
     let (mut bound, mut created) = (0, 0);
     for (i, before) in before.iter().enumerate() {
         let after = filter.map_of(i);
@@ -228,7 +232,7 @@ fn landmarks_behind_the_robot_are_not_duplicated() {
                 unlabelled(f64::hypot(dx, dy) + 0.1 * a, bearing)
             });
             let info = filter.update(f64::from(step), &scan).unwrap();
-            assert_eq!(info.new_landmarks, if step == 0 { 5 } else { 0 }, "{algorithm:?} step {step}");
+            assert_eq!(info.changes.new_landmarks, if step == 0 { 5 } else { 0 }, "{algorithm:?} step {step}");
             filter.predict([0.2, 0.0, 0.0], 1.0).unwrap();
             x += 0.2;
         }
@@ -361,7 +365,7 @@ fn decisions_follow_their_particles_through_resampling() {
     let before: Vec<_> = (0..60)
         .map(|i| (filter.particles().x[i], filter.map_of(i), by_looking_at_all(&filter, i, sighting, density.ln())))
         .collect();
-    assert!(filter.update(1.0, &[sighting]).unwrap().resampled);
+    assert!(filter.update(1.0, &[sighting]).unwrap().weighing.resampled);
     let mut seen = [0; 3];
     for i in 0..60 {
         let x = filter.particles().x[i];

@@ -83,8 +83,8 @@ fn every_store_forgets_alike() {
                 vec![sighting(4.0 + wobble, 0.3 - 0.035 * f64::from(step % 20)), sighting(3.0, -0.4 + wobble)];
             scan.truncate(1 + (step % 3 != 0) as usize);
             let info = filter.update(0.1 * f64::from(step), &scan).unwrap();
-            removed += info.removed;
-            resampled += u32::from(info.resampled);
+            removed += info.changes.removed;
+            resampled += u32::from(info.weighing.resampled);
         }
         assert!(removed > 3 && resampled > 3, "{store:?}: {removed} removed, {resampled} resamplings");
         maps.push(filter.map());

@@ -235,8 +235,8 @@ fn case(seed: u64, told: &mut Told) {
             match filter.update(step as f64, &scan) {
                 Ok(info) => {
                     told.taken += 1;
-                    assert!(info.log_likelihood.is_finite() && info.nis.is_finite(), "{info:?}");
-                    assert!((1.0 - 1e-9..=particles + 1e-9).contains(&info.effective_sample_size), "{info:?}");
+                    assert!(info.weighing.log_likelihood.is_finite() && info.noise.nis.is_finite(), "{info:?}");
+                    assert!((1.0 - 1e-9..=particles + 1e-9).contains(&info.weighing.effective_sample_size), "{info:?}");
                 }
                 Err(error) => {
                     assert!(!matches!(error, Error::Input(_) | Error::Parameter { .. }), "{error}");

@@ -82,7 +82,7 @@ fn drive(filter: &mut FastSlam, first: u64) -> (f64, Vec<u64>) {
         let info = filter.update(step as f64 * DT_S, &scan(step, truth, named)).unwrap();
         let pose = filter.predicted_pose().mean;
         squares += (pose.x - truth.x).powi(2) + (pose.y - truth.y).powi(2);
-        said.extend([pose.x, pose.y, pose.heading, info.log_likelihood].map(f64::to_bits));
+        said.extend([pose.x, pose.y, pose.heading, info.weighing.log_likelihood].map(f64::to_bits));
     }
     (squares, said)
 }

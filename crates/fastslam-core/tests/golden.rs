@@ -41,10 +41,10 @@ fn outcome(algorithm: Algorithm, identities: Identities) -> Value {
     let pose_std = [0, 1, 2].map(|i: usize| last.covariance[i][i].sqrt());
     json!({
         "steps": output.steps.len(),
-        "resamplings": output.steps.iter().filter(|s| s.info.resampled).count(),
+        "resamplings": output.steps.iter().filter(|s| s.info.weighing.resampled).count(),
         "sightings_of_landmarks": output.map.landmarks.iter().map(|l| l.sightings).collect::<Vec<_>>(),
-        "log_evidence": total(&|s| s.info.log_likelihood),
-        "mean_effective_sample_size": total(&|s| s.info.effective_sample_size) / count,
+        "log_evidence": total(&|s| s.info.weighing.log_likelihood),
+        "mean_effective_sample_size": total(&|s| s.info.weighing.effective_sample_size) / count,
         "final_pose": last.mean.to_array(),
         "final_pose_std": pose_std,
         "landmarks_m": output.map.landmarks.iter().map(|l| l.mean).collect::<Vec<_>>(),

@@ -99,7 +99,7 @@ fn a_particle_whose_map_holds_what_is_not_there_loses_weight() {
     let log_likelihood = |config: &Config, scans: &[Vec<Sighting>]| {
         let mut filter = filter(config.clone());
         let steps = scans.iter().enumerate();
-        let increments = steps.map(|(t, scan)| filter.update(t as f64, scan).unwrap().log_likelihood);
+        let increments = steps.map(|(t, scan)| filter.update(t as f64, scan).unwrap().weighing.log_likelihood);
         increments.sum::<f64>()
     };
     let (one, two) = (vec![seen(5.0, 0.3)], vec![seen(5.0, 0.3), seen(4.0, -2.0)]);
@@ -188,7 +188,7 @@ fn two_landmarks_of_one_map_that_are_never_seen_together_become_one() {
                 (true, false) => vec![near],
                 (false, _) => vec![far],
             };
-            merged += filter.update(f64::from(step), &scan).unwrap().merged;
+            merged += filter.update(f64::from(step), &scan).unwrap().changes.merged;
         }
         (map(&mut filter), merged)
     };
@@ -225,7 +225,7 @@ fn merging_what_different_particles_created_changes_no_particle() {
         filter.predict([0.0; 3], 1.0).unwrap();
         let mut infos = Vec::new();
         for step in 1..9 {
-            infos.push(filter.update(f64::from(step), &[seen(5.0, 0.3)]).unwrap().log_likelihood.to_bits());
+            infos.push(filter.update(f64::from(step), &[seen(5.0, 0.3)]).unwrap().weighing.log_likelihood.to_bits());
         }
         let maps: Vec<Vec<_>> = (0..40)
             .map(|i| {

@@ -61,8 +61,8 @@ fn run(config: Config, log: &[([f64; 3], Vec<Sighting>)]) -> Outcome {
         filter.predict(*control, 0.5).unwrap();
         let info = filter.update(t as f64, scan).unwrap();
         outcome.poses.push(filter.pose());
-        outcome.log_likelihood.push(info.log_likelihood);
-        outcome.resampled.push(info.resampled);
+        outcome.log_likelihood.push(info.weighing.log_likelihood);
+        outcome.resampled.push(info.weighing.resampled);
     }
     outcome.map = filter.map().landmarks.iter().map(|l| (l.identity, l.mean)).collect();
     assert_eq!(outcome.map.len(), FIELD.len());
@@ -242,7 +242,7 @@ fn the_order_within_a_scan_does_not_matter_in_the_linear_world() {
                 scan.reverse();
             }
             let info = filter.update(t as f64, &scan).unwrap();
-            poses.push((filter.pose(), info.log_likelihood));
+            poses.push((filter.pose(), info.weighing.log_likelihood));
         }
         (poses, filter.map().landmarks)
     };

@@ -39,7 +39,7 @@ fn run_with(steps: &[Step], config: fastslam_core::config::Config) -> Outcome {
         let sightings: Vec<_> = step.sightings.iter().copied().map(sighting).collect();
         let info = filter.update(t as f64, &sightings).unwrap();
         assert_eq!(info.sightings as usize, sightings.len(), "a sighting was skipped");
-        log_evidence += info.log_likelihood;
+        log_evidence += info.weighing.log_likelihood;
     }
     let (pose, map) = (filter.pose(), filter.map().landmarks);
     assert_eq!(map.len(), LANDMARKS.len());

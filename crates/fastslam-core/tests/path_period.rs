@@ -58,7 +58,7 @@ fn run_with(log: &SimulatedLog, algorithm: Algorithm, path_period_s: f64, seed: 
 }
 
 fn evidence(output: &RunOutput) -> f64 {
-    output.steps.iter().map(|step| step.info.log_likelihood).sum()
+    output.steps.iter().map(|step| step.info.weighing.log_likelihood).sum()
 }
 
 #[test]

@@ -20,7 +20,7 @@ fn positions(algorithm: Algorithm, identities: Identities) -> [Vec<f64>; 4] {
         let identity = (identities == Identities::All).then_some(n);
         let info = filter.update(f64::from(n), &[Sighting::range_bearing(20.0 + 20.0 * f64::from(n), 0.0, identity)]);
         let info = info.unwrap();
-        assert_eq!((info.new_landmarks, info.resampled), (1, true));
+        assert_eq!((info.changes.new_landmarks, info.weighing.resampled), (1, true));
         filter.particles().x.clone()
     };
     std::array::from_fn(|n| see(n as u32))

@@ -145,9 +145,9 @@ fn ranges_that_are_none_are_counted_and_change_nothing() {
     let wrong = [0.0, -3.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300, 1e5];
     let sightings: Vec<Sighting> = wrong.iter().map(|r| Sighting::range(*r, Some(1))).collect();
     let info = filter.update(100.0, &sightings).unwrap();
-    assert_eq!((info.sightings, info.skipped.total()), (0, wrong.len() as u32));
+    assert_eq!((info.sightings, info.left_out.skipped.total()), (0, wrong.len() as u32));
     let unnamed = filter.update(101.0, &[Sighting::range(5.0, None)]).unwrap();
-    assert_eq!(unnamed.skipped.without_identity, 1);
+    assert_eq!(unnamed.left_out.skipped.without_identity, 1);
     assert_eq!(filter.map(), before);
     // Within the limits, but nothing that the map explains: the filter goes on, and stays a filter.
     for (k, range_m) in [99.9, 0.06, 50.0].into_iter().enumerate() {

@@ -154,7 +154,7 @@ fn a_loop_that_the_associations_missed_is_closed() {
     (config.filter.particles, config.filter.rejuvenation.every_steps) = (30, Some(200));
     (config.filter.rejuvenation.growth, config.filter.rejuvenation.spread) = (0.1, 0.5);
     let landmarks = truth.landmarks.position_m.len();
-    let merged = |output: &RunOutput| output.steps.iter().map(|step| step.info.merged).sum::<u32>();
+    let merged = |output: &RunOutput| output.steps.iter().map(|step| step.info.changes.merged).sum::<u32>();
     config.filter.rejuvenation.closing_odds = 0.0;
     let open = run(&config, &log, &mut Blind).unwrap();
     assert_eq!(merged(&open), 0);
@@ -184,7 +184,7 @@ fn neither_the_store_nor_the_number_of_threads_changes_a_bit() {
             (config.filter.particles, config.filter.rejuvenation.every_steps) = (20, Some(10));
             config.filter.store = StoreKind::Dense;
             let reference = run(&config, &log, &mut Blind).unwrap();
-            assert!(reference.steps.iter().filter(|step| step.info.rejuvenated).count() >= 3);
+            assert!(reference.steps.iter().filter(|step| step.info.sampling.rejuvenated).count() >= 3);
             for (store, threads) in [(StoreKind::Tree, 1), (StoreKind::Lineage, 1), (StoreKind::Lineage, 3)] {
                 (config.filter.store, config.filter.threads) = (store, threads);
                 let other = run(&config, &log, &mut Blind).unwrap();
@@ -253,13 +253,13 @@ fn with_plain_defaults_a_field_is_mapped_once() {
     for seed in 1..4 {
         let (log, mut config, truth) = two_laps(seed);
         let output = run(&config, &log, &mut Blind).unwrap();
-        let draws = output.steps.iter().filter(|step| step.info.rejuvenated).count();
+        let draws = output.steps.iter().filter(|step| step.info.sampling.rejuvenated).count();
         let scans = output.steps.iter().filter(|step| step.info.sightings > 0).count();
         assert!((2..scans / 20).contains(&draws), "{draws} draws in {scans} scans");
         drawn.push((output.map.landmarks.len(), map_rmse(&output, &truth)));
         config.filter.rejuvenation.every_steps = Some(0);
         let output = run(&config, &log, &mut Blind).unwrap();
-        assert!(output.steps.iter().all(|step| !step.info.rejuvenated));
+        assert!(output.steps.iter().all(|step| !step.info.sampling.rejuvenated));
         plain.push((output.map.landmarks.len(), map_rmse(&output, &truth)));
     }
     println!("landmarks and map RMSE: {drawn:.3?}, plain {plain:.3?}");
@@ -273,5 +273,5 @@ fn with_plain_defaults_a_field_is_mapped_once() {
 fn with_all_identities_known_nothing_is_drawn_unless_asked_for() {
     let (log, config, _) = world("demo", 1, 20.0, fastslam_sim::Identities::All);
     let output = run(&config, &log, &mut Blind).unwrap();
-    assert!(output.steps.len() > 50 && output.steps.iter().all(|step| !step.info.rejuvenated));
+    assert!(output.steps.len() > 50 && output.steps.iter().all(|step| !step.info.sampling.rejuvenated));
 }

@@ -83,7 +83,7 @@ fn unusable_sightings_are_counted_and_leave_no_trace() {
                 }
                 let info = filter.update(f64::from(step), &scan).unwrap();
                 assert_eq!(info.sightings, 2);
-                skipped.push(info.skipped);
+                skipped.push(info.left_out.skipped);
             }
             (filter.pose(), filter.map(), skipped)
         };
@@ -173,7 +173,7 @@ fn one_particle_is_enough() {
             for step in 0..10 {
                 filter.predict([1.0, 0.3, 0.0], 0.1).unwrap();
                 let info = filter.update(f64::from(step), &[labelled(4.0, 0.3, 1), labelled(6.0, -1.0, 2)]).unwrap();
-                assert_eq!(info.effective_sample_size, 1.0);
+                assert_eq!(info.weighing.effective_sample_size, 1.0);
                 check_finite(&mut filter).unwrap();
             }
             assert_eq!(filter.weights(), [1.0]);
@@ -365,7 +365,7 @@ fn a_landmark_at_the_sensor_itself_says_nothing_and_spoils_nothing() {
             filter.update(0.0, &[labelled(1.0, 0.0, 1)]).unwrap();
             filter.predict([1.0, 0.0, 0.0], 1.0).unwrap();
             let info = filter.update(1.0, &[labelled(0.1, 0.4, 1)]).unwrap();
-            assert!(info.log_likelihood.is_finite(), "{algorithm:?} {identities:?}");
+            assert!(info.weighing.log_likelihood.is_finite(), "{algorithm:?} {identities:?}");
             let map = filter.map().landmarks;
             assert!(map.iter().all(|l| l.mean[0].is_finite() && l.covariance.is_positive_definite()), "{map:?}");
         }
@@ -400,7 +400,7 @@ fn a_covariance_too_large_or_small_to_compute_with_is_none() {
         let with = |xx, yy| Sighting { noise: Some(Symmetric2::new(xx, 0.0, yy)), ..labelled(4.0, 0.1, 1) };
         let scan = [with(1e300, 0.01), with(0.01, 1.1e12), with(0.9e-24, 0.01), with(0.01, 0.01)];
         let info = filter.update(0.0, &scan).unwrap();
-        assert_eq!((info.sightings, info.skipped.bad_covariance), (1, 3), "{algorithm:?}");
+        assert_eq!((info.sightings, info.left_out.skipped.bad_covariance), (1, 3), "{algorithm:?}");
     }
 }
 
@@ -446,7 +446,7 @@ fn an_identity_seen_twice_in_a_scan_counts_as_two_sightings_in_turn() {
             for (at, scan) in scans.iter().enumerate() {
                 let info = filter.update(1.0 + at as f64, scan).unwrap();
                 used += info.sightings;
-                log_likelihood += info.log_likelihood;
+                log_likelihood += info.weighing.log_likelihood;
             }
             assert_eq!(used, 3);
             let map = filter.map().landmarks;
@@ -496,7 +496,10 @@ fn steps_without_sightings_and_controls_without_steps_are_fine() {
                 filter.predict([1.0, 0.5, 0.0], 0.1).unwrap();
                 if step % 3 == 0 {
                     let info = filter.update(f64::from(step), &[]).unwrap();
-                    assert_eq!((info.sightings, info.log_likelihood, info.resampled), (0, 0.0, false));
+                    assert_eq!(
+                        (info.sightings, info.weighing.log_likelihood, info.weighing.resampled),
+                        (0, 0.0, false)
+                    );
                 }
             }
             check_finite(&mut filter).unwrap();
@@ -561,14 +564,14 @@ proptest! {
             filter.predict([*speed, *yaw_rate, 0.0], 0.2).unwrap();
             match filter.update(step as f64, scan) {
                 Ok(info) => {
-                    let s = info.skipped;
+                    let s = info.left_out.skipped;
                     // Where every sighting has a name, those whose name cannot be are left out and count as ignored.
-                    let left_out = if identities == Identities::All { info.ignored } else { 0 };
+                    let left_out = if identities == Identities::All { info.left_out.ignored } else { 0 };
                     let counted = info.sightings + s.total() + left_out;
                     prop_assert_eq!(counted as usize, scan.len());
-                    prop_assert!(info.log_likelihood.is_finite());
-                    prop_assert!(info.effective_sample_size >= 1.0 - 1e-9);
-                    prop_assert!(info.effective_sample_size <= f64::from(particles) + 1e-9);
+                    prop_assert!(info.weighing.log_likelihood.is_finite());
+                    prop_assert!(info.weighing.effective_sample_size >= 1.0 - 1e-9);
+                    prop_assert!(info.weighing.effective_sample_size <= f64::from(particles) + 1e-9);
                 }
                 Err(error) => {
                     prop_assert_eq!(error, Error::AllWeightsZero { step: step as u64 });
@@ -611,7 +614,7 @@ proptest! {
             filter.predict([*speed, *yaw_rate, 0.0], 0.2).unwrap();
             match filter.update(at as f64, &scan) {
                 Ok(info) => {
-                    prop_assert!(info.log_likelihood.is_finite(), "{}", info.log_likelihood);
+                    prop_assert!(info.weighing.log_likelihood.is_finite(), "{}", info.weighing.log_likelihood);
                     taken += 1;
                 }
                 Err(error) => {
@@ -636,5 +639,5 @@ fn a_sighting_whose_covariance_is_none_is_skipped_and_counted() {
         with(Symmetric2::new(0.01, 0.0, 0.01)),
     ];
     let info = filter.update(0.0, &scan).unwrap();
-    assert_eq!((info.sightings, info.skipped.bad_covariance), (1, 3));
+    assert_eq!((info.sightings, info.left_out.skipped.bad_covariance), (1, 3));
 }

@@ -43,8 +43,13 @@ fn go_on(mut filter: FastSlam, first: u64, mut at: impl FnMut(u64, &FastSlam)) -
         let pose = filter.predicted_pose();
         said.extend(pose.mean.to_array().map(f64::to_bits));
         said.extend(pose.covariance.as_flattened().iter().map(|v| v.to_bits()));
-        said.extend([info.log_likelihood, info.nis, info.effective_sample_size].map(f64::to_bits));
-        said.extend([info.merged, info.removed, info.particles, u32::from(info.health.reasons)].map(u64::from));
+        said.extend(
+            [info.weighing.log_likelihood, info.noise.nis, info.weighing.effective_sample_size].map(f64::to_bits),
+        );
+        said.extend(
+            [info.changes.merged, info.changes.removed, info.sampling.particles, u32::from(info.health.reasons)]
+                .map(u64::from),
+        );
     }
     filter.rejuvenate();
     said.extend(filter.best_path().iter().flat_map(|(_, pose)| pose.to_array()).map(f64::to_bits));

@@ -40,11 +40,11 @@ fn run(config: &Config) -> Result<(Vec<u64>, usize, BTreeSet<u32>)> {
         truth = truth.compose(Pose::new(CONTROL[0] * DT_S, 0.0, CONTROL[2] * DT_S));
         filter.predict([1.0, 0.15, 0.0], DT_S)?;
         let info = filter.update(step as f64 * DT_S, &sightings(step, truth))?;
-        resampled += usize::from(info.resampled);
-        assert_eq!(info.particles as usize, filter.particles().len());
-        particles.insert(info.particles);
+        resampled += usize::from(info.weighing.resampled);
+        assert_eq!(info.sampling.particles as usize, filter.particles().len());
+        particles.insert(info.sampling.particles);
         let pose = filter.pose().mean;
-        said.extend([pose.x, pose.y, pose.heading, info.log_likelihood, info.nis].map(f64::to_bits));
+        said.extend([pose.x, pose.y, pose.heading, info.weighing.log_likelihood, info.noise.nis].map(f64::to_bits));
         said.push(info.health.status as u64 + (u64::from(info.health.reasons) << 8));
     }
     for landmark in filter.map().landmarks {

@@ -48,7 +48,7 @@ fn bits(output: &RunOutput) -> Vec<u64> {
     let mut numbers = Vec::new();
     for step in &output.steps {
         let (info, pose) = (&step.info, &step.pose);
-        numbers.extend([step.stamp_s, info.effective_sample_size, info.log_likelihood]);
+        numbers.extend([step.stamp_s, info.weighing.effective_sample_size, info.weighing.log_likelihood]);
         numbers.extend(pose.mean.to_array());
         numbers.extend(pose.covariance.as_flattened());
     }
@@ -97,7 +97,7 @@ fn every_store_gives_the_same_bits() {
                     config.filter.resampling.scheme = scheme;
                     let output = agreed(&config, &log);
                     runs += 1;
-                    resamplings += output.steps.iter().filter(|s| s.info.resampled).count();
+                    resamplings += output.steps.iter().filter(|s| s.info.weighing.resampled).count();
                     landmarks += output.map.landmarks.len();
                 }
             }
@@ -115,7 +115,7 @@ fn every_store_gives_the_same_bits_when_identities_are_ignored() {
     config.filter.resampling.threshold = 1.0;
     let output = agreed(&config, &log);
     assert!(output.map.landmarks.iter().all(|landmark| landmark.identity.is_none()));
-    assert!(output.steps.iter().filter(|s| s.info.resampled).count() > 20);
+    assert!(output.steps.iter().filter(|s| s.info.weighing.resampled).count() > 20);
 }
 
 #[test]
@@ -170,9 +170,9 @@ fn every_store_gives_the_same_bits_by_every_method_with_everything_that_associat
                 config.sensor.bearing_std_rad *= 0.3;
                 let output = agreed(&config, &log);
                 let infos = || output.steps.iter().map(|s| s.info);
-                merged += infos().map(|i| i.merged).sum::<u32>();
-                removed += infos().map(|i| i.removed).sum::<u32>();
-                resampled += infos().filter(|i| i.resampled).count();
+                merged += infos().map(|i| i.changes.merged).sum::<u32>();
+                removed += infos().map(|i| i.changes.removed).sum::<u32>();
+                resampled += infos().filter(|i| i.weighing.resampled).count();
                 looks += output.map.landmarks.iter().filter(|l| l.appearance.class.is_some()).count();
             }
         }

@@ -29,7 +29,7 @@ fn run(algorithm: Algorithm, identities: Identities, threads: u32) -> (Vec<u64>,
             Sighting::range_bearing(dx.hypot(dy) + 0.02 * f64::from(n), dy.atan2(dx), identity)
         };
         let sightings: Vec<Sighting> = (0..4).map(see).collect();
-        resampled += u32::from(filter.update(f64::from(step), &sightings).unwrap().resampled);
+        resampled += u32::from(filter.update(f64::from(step), &sightings).unwrap().weighing.resampled);
     }
     let particles = filter.particles();
     let mut numbers = [&particles.x, &particles.y, &particles.heading, &particles.score].map(Vec::clone).concat();

@@ -45,7 +45,7 @@ impl Filter {
     fn answer<'py>(&self, py: Python<'py>, info: &StepInfo) -> PyResult<Bound<'py, PyDict>> {
         let dict = PyDict::new(py);
         step::set_values(&dict, info)?;
-        dict.set_item("warnings", crate::noise::warnings(py, &info.noise_warnings, &self.config.motion)?)?;
+        dict.set_item("warnings", crate::noise::warnings(py, &info.noise.warnings, &self.config.motion)?)?;
         Ok(dict)
     }
 }

@@ -8,6 +8,7 @@ use fastslam_core::run::{run_with, Observer, RunOutput, StepRecord};
 use fastslam_core::stream::Stream;
 use fastslam_core::timeline::LogData;
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyKeyboardInterrupt;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use std::time::Instant;
@@ -89,7 +90,32 @@ impl Observer for Progress {
     }
 }
 
+impl Watch {
+    fn new(callback: Py<PyAny>) -> Self {
+        Self { callback, next_s: 0.0, next_stamp_s: f64::NEG_INFINITY }
+    }
+}
+
+impl Checkpoints {
+    fn new(callback: Py<PyAny>, every_s: f64) -> Self {
+        Self { callback, every_s, next_s: every_s }
+    }
+}
+
 impl Progress {
+    /// Of a run that begins now.
+    fn new(total: usize, callback: Option<Py<PyAny>>, checkpoints: Option<Checkpoints>, watch: Option<Watch>) -> Self {
+        Self { start: Instant::now(), next_s: 0.0, total, callback, checkpoints, watch, failure: None }
+    }
+
+    /// Raises what a callback raised; Ctrl-C only ends the run early.
+    fn raise(self, py: Python<'_>) -> PyResult<()> {
+        match self.failure.filter(|error| !error.is_instance_of::<PyKeyboardInterrupt>(py)) {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
+
     /// Shows whoever watches the run; an exception ends it.
     fn show(&mut self, stream: &mut Stream, record: &StepRecord) {
         let Some(watch) = self.watch.as_mut().filter(|_| self.failure.is_none()) else { return };
@@ -137,38 +163,23 @@ pub fn run<'py>(
     watch: Option<Py<PyAny>>,
     sensor: Option<Sensor>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let config = config::parse(config_json)?;
-    let beginning = given::beginning(map, start)?;
+    let (config, beginning) = (config::parse(config_json)?, given::beginning(map, start)?);
+    let looks = arrays::Looks { class_index, signature };
+    let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref(), &looks)?;
     let log = LogData {
         control_stamps_s: control_stamps_s.as_array().to_vec(),
         controls: arrays::controls(&controls)?,
         control_covariances: arrays::control_covariances(control_covariance.as_ref())?,
         sighting_stamps_s: sighting_stamps_s.as_array().to_vec(),
-        sightings: arrays::of_sensor(
-            config.sensor.model,
-            arrays::sightings(
-                &range_m,
-                &bearing_rad,
-                &identity,
-                noise.as_ref(),
-                &arrays::Looks { class_index, signature },
-            )?,
-        ),
+        sightings: arrays::of_sensor(config.sensor.model, sightings),
     };
+    let checkpoints = checkpoint.map(|callback| Checkpoints::new(callback, checkpoint_every_s));
     let total = log.step_bound(config.filter.path_period_s);
-    let every_s = checkpoint_every_s;
-    let checkpoints = checkpoint.map(|callback| Checkpoints { callback, every_s, next_s: every_s });
-    let begun = Instant::now();
-    let watch = watch.map(|callback| Watch { callback, next_s: 0.0, next_stamp_s: f64::NEG_INFINITY });
-    let mut observer =
-        Progress { start: begun, next_s: 0.0, total, callback: progress, checkpoints, watch, failure: None };
+    let mut observer = Progress::new(total, progress, checkpoints, watch.map(Watch::new));
     let make = |config, identities| sensor::make(sensor.as_ref(), config, identities);
     let output = py.detach(|| run_with(&make, (&config, &log, &beginning), resume, &mut observer));
     let output = sensor::answer(sensor.as_ref(), output)?;
-    if let Some(error) = observer.failure.filter(|e| !e.is_instance_of::<pyo3::exceptions::PyKeyboardInterrupt>(py)) {
-        return Err(error);
-    }
-    to_dict(py, &output, &config)
+    observer.raise(py).and_then(|()| to_dict(py, &output, &config))
 }
 
 /// The columns of a run by name.

@@ -2,7 +2,7 @@
 //! fields of `fastslam.result.StepFields` all follow it.
 
 use fastslam_core::diagnosis::Health;
-use fastslam_core::filter::{Skipped, StepInfo};
+use fastslam_core::filter::{LeftOut, MapChanges, NoiseInWindow, Sampling, Skipped, StepInfo, Weighing};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -43,52 +43,68 @@ pub struct Field {
     read: Read,
 }
 
-/// Turns blocks `core_field { name: Kind = how to make it of the core's field, … }` into the list.
+/// Turns blocks `core_field (where.it.stands) { name: Kind = how to make it of the core's field, … }` into the list.
 ///
-/// Every field of the core's `StepInfo` must have its block, or this does not compile.
+/// Every field of the core's `StepInfo`, which the pattern takes apart, must have its block, or this does not compile
+/// without a warning.
 macro_rules! step_fields {
+    (@at $info:ident ($($place:tt)+)) => { $info.$($place)+ };
     (@read Number, $read:expr) => { Read::Number($read) };
     (@read Flag, $read:expr) => { Read::Flag($read) };
     (@read $whole:ident, $read:expr) => { Read::Whole($read) };
-    ($($field:ident { $($name:ident: $kind:ident = $make:expr),* })*) => {
+    ($whole:pat => $($field:ident $place:tt { $($name:ident: $kind:ident = $make:expr),* })*) => {
         /// All fields, in the order in which they are shown.
         pub const FIELDS: &[Field] = &[$($(Field {
             name: stringify!($name),
             kind: Kind::$kind,
-            read: step_fields!(@read $kind, |info| ($make)(info.$field)),
+            read: step_fields!(@read $kind, |info| ($make)(step_fields!(@at info $place))),
         },)*)*];
 
         /// Only names all fields, so that none can be added to the core and forgotten here.
-        const _: fn(StepInfo) = |StepInfo { $($field: _),* }| ();
+        const _: fn(StepInfo) = |$whole| { $(let _ = $field;)* };
     };
 }
 
 step_fields! {
-    step { step: Count = |n| n as i64 }
-    sightings { sightings: Count = i64::from }
-    skipped { skipped: Count = |s: Skipped| i64::from(s.total()) }
-    matched { matched: Count = i64::from }
-    new_landmarks { new_landmarks: Count = i64::from }
-    ignored { ignored: Count = i64::from }
-    landmarks { landmarks: Count = i64::from }
-    removed { removed: Count = i64::from }
-    merged { merged: Count = i64::from }
-    particles { particles: Count = i64::from }
-    effective_sample_size { effective_sample_size: Number = f64::from }
-    log_likelihood { log_likelihood: Number = f64::from }
-    resampled { resampled: Flag = bool::from }
-    rejuvenated { rejuvenated: Flag = bool::from }
-    sampled { sampled: Flag = bool::from }
-    repaired { repaired: Count = i64::from }
-    fell_back { fell_back: Count = i64::from }
-    nis { nis: Number = f64::from }
-    nis_band { nis_band_low: Number = |band: [f64; 2]| band[0], nis_band_high: Number = |band: [f64; 2]| band[1] }
-    health {
+    StepInfo {
+        step,
+        sightings,
+        changes: MapChanges { new_landmarks, removed, merged },
+        fell_back,
+        left_out: LeftOut { ignored, skipped },
+        weighing: Weighing { effective_sample_size, resampled, log_likelihood },
+        landmarks,
+        sampling: Sampling { rejuvenated, sampled, particles },
+        matched,
+        repaired,
+        noise: NoiseInWindow { nis, nis_band, warnings },
+        health,
+    } =>
+    step (step) { step: Count = |n| n as i64 }
+    sightings (sightings) { sightings: Count = i64::from }
+    skipped (left_out.skipped) { skipped: Count = |s: Skipped| i64::from(s.total()) }
+    matched (matched) { matched: Count = i64::from }
+    new_landmarks (changes.new_landmarks) { new_landmarks: Count = i64::from }
+    ignored (left_out.ignored) { ignored: Count = i64::from }
+    landmarks (landmarks) { landmarks: Count = i64::from }
+    removed (changes.removed) { removed: Count = i64::from }
+    merged (changes.merged) { merged: Count = i64::from }
+    particles (sampling.particles) { particles: Count = i64::from }
+    effective_sample_size (weighing.effective_sample_size) { effective_sample_size: Number = f64::from }
+    log_likelihood (weighing.log_likelihood) { log_likelihood: Number = f64::from }
+    resampled (weighing.resampled) { resampled: Flag = bool::from }
+    rejuvenated (sampling.rejuvenated) { rejuvenated: Flag = bool::from }
+    sampled (sampling.sampled) { sampled: Flag = bool::from }
+    repaired (repaired) { repaired: Count = i64::from }
+    fell_back (fell_back) { fell_back: Count = i64::from }
+    nis (noise.nis) { nis: Number = f64::from }
+    nis_band (noise.nis_band) { nis_band_low: Number = |band: [f64; 2]| band[0], nis_band_high: Number = |band: [f64; 2]| band[1] }
+    health (health) {
         health: Status = |health: Health| health.status as i64,
         health_reasons: Reasons = |health: Health| i64::from(health.reasons)
     }
     // Crosses as sentences, which need the configuration.
-    noise_warnings {}
+    warnings (noise.warnings) {}
 }
 
 /// Name and kind of each field of a step, in the order in which they are shown.

@@ -149,7 +149,7 @@ impl Stream {
         let StepRecord { stamp_s, pose, info, .. } = record;
         let dict = PyDict::new(py);
         step::set_values(&dict, &info)?;
-        dict.set_item("warnings", noise::warnings(py, &info.noise_warnings, &self.config.motion)?)?;
+        dict.set_item("warnings", noise::warnings(py, &info.noise.warnings, &self.config.motion)?)?;
         Ok(Some((pose_to_arrays(py, stamp_s, &pose)?, dict)))
     }
 

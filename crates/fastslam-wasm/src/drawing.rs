@@ -44,7 +44,11 @@ pub fn now(room: &mut Classroom, seat: usize) -> Vec<f64> {
     let mut status = pose.mean.to_array().to_vec();
     status.extend([pose.covariance[0][0], pose.covariance[0][1], pose.covariance[1][1]]);
     let info = observer.last;
-    status.extend([info.effective_sample_size, f64::from(info.particles.max(1)), f64::from(info.landmarks)]);
+    status.extend([
+        info.weighing.effective_sample_size,
+        f64::from(info.sampling.particles.max(1)),
+        f64::from(info.landmarks),
+    ]);
     status.extend([observer.resamplings, observer.redraws].map(f64::from));
     status.extend([f64::from(info.health.status as u8), map_error_m]);
     let poses = observer.slam().weighted_poses();

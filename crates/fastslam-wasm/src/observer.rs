@@ -65,8 +65,8 @@ impl Observer {
         }
         match self.slam().update(stamp_s, sightings) {
             Ok(info) => {
-                self.resamplings += u32::from(info.resampled);
-                self.redraws += u32::from(info.rejuvenated);
+                self.resamplings += u32::from(info.weighing.resampled);
+                self.redraws += u32::from(info.sampling.rejuvenated);
                 self.last = info;
                 self.map = self.slam().map();
             }

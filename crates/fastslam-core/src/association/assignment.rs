@@ -20,52 +20,88 @@ const IMPOSSIBLE: f64 = 1e12;
 ///
 /// **Source:** `jonker1987shortest`, shortest augmenting paths with dual prices.
 pub fn assign(costs: &[f64], rows: usize, columns: usize) -> Vec<usize> {
-    // Prices of rows and columns; the row that holds each column; index 0 is a column that nobody wants.
-    let (mut row_price, mut column_price) = (vec![0.0; rows + 1], vec![0.0; columns + 1]);
-    let mut holder = vec![0_usize; columns + 1];
-    let mut previous = vec![0_usize; columns + 1];
+    let mut assignment = Assignment::of(rows, columns);
     for row in 1..=rows {
-        holder[0] = row;
-        let mut at = 0;
-        let (mut reach, mut done) = (vec![f64::INFINITY; columns + 1], vec![false; columns + 1]);
-        while holder[at] != 0 {
-            done[at] = true;
-            let from = holder[at];
-            let (mut nearest, mut next) = (f64::INFINITY, 0);
-            for column in 1..=columns {
-                if done[column] {
-                    continue;
-                }
-                let reduced = costs[(from - 1) * columns + column - 1] - row_price[from] - column_price[column];
-                if reduced < reach[column] {
-                    (reach[column], previous[column]) = (reduced, at);
-                }
-                if reach[column] < nearest {
-                    (nearest, next) = (reach[column], column);
-                }
-            }
-            for column in 0..=columns {
-                if done[column] {
-                    row_price[holder[column]] += nearest;
-                    column_price[column] -= nearest;
-                } else {
-                    reach[column] -= nearest;
-                }
-            }
-            at = next;
-        }
-        while at != 0 {
-            holder[at] = holder[previous[at]];
-            at = previous[at];
-        }
+        assignment.add(row, costs);
     }
     let mut of_row = vec![0; rows];
     for column in 1..=columns {
-        if holder[column] != 0 {
-            of_row[holder[column] - 1] = column - 1;
+        if assignment.holder[column] != 0 {
+            of_row[assignment.holder[column] - 1] = column - 1;
         }
     }
     of_row
+}
+
+/// The cheapest assignment of the rows so far. Rows and columns count from 1; 0 is a column that nobody wants.
+struct Assignment {
+    row_price: Vec<f64>,
+    column_price: Vec<f64>,
+    /// The row that holds each column; 0 for none.
+    holder: Vec<usize>,
+    /// The column before each on the shortest path to it.
+    previous: Vec<usize>,
+}
+
+impl Assignment {
+    fn of(rows: usize, columns: usize) -> Self {
+        Self {
+            row_price: vec![0.0; rows + 1],
+            column_price: vec![0.0; columns + 1],
+            holder: vec![0; columns + 1],
+            previous: vec![0; columns + 1],
+        }
+    }
+
+    /// Assigns one more row: along the shortest path to a free column every holder takes the next column.
+    fn add(&mut self, row: usize, costs: &[f64]) {
+        let columns = self.holder.len() - 1;
+        self.holder[0] = row;
+        let mut at = 0;
+        let (mut reach, mut done) = (vec![f64::INFINITY; columns + 1], vec![false; columns + 1]);
+        while self.holder[at] != 0 {
+            done[at] = true;
+            let (nearest, next) = self.nearest(at, costs, &mut reach, &done);
+            self.raise_prices(nearest, &mut reach, &done);
+            at = next;
+        }
+        while at != 0 {
+            self.holder[at] = self.holder[self.previous[at]];
+            at = self.previous[at];
+        }
+    }
+
+    /// The nearest column that the paths did not reach yet, with its distance, once they may go on from column `at`.
+    fn nearest(&mut self, at: usize, costs: &[f64], reach: &mut [f64], done: &[bool]) -> (f64, usize) {
+        let columns = self.holder.len() - 1;
+        let from = self.holder[at];
+        let (mut nearest, mut next) = (f64::INFINITY, 0);
+        for column in 1..=columns {
+            if done[column] {
+                continue;
+            }
+            let reduced = costs[(from - 1) * columns + column - 1] - self.row_price[from] - self.column_price[column];
+            if reduced < reach[column] {
+                (reach[column], self.previous[column]) = (reduced, at);
+            }
+            if reach[column] < nearest {
+                (nearest, next) = (reach[column], column);
+            }
+        }
+        (nearest, next)
+    }
+
+    /// Changes the prices so that what was reached costs nothing.
+    fn raise_prices(&mut self, by: f64, reach: &mut [f64], done: &[bool]) {
+        for column in 0..self.holder.len() {
+            if done[column] {
+                self.row_price[self.holder[column]] += by;
+                self.column_price[column] -= by;
+            } else {
+                reach[column] -= by;
+            }
+        }
+    }
 }
 
 /// The sightings that are still undecided against the landmarks that are left.
@@ -130,7 +166,8 @@ impl Round {
 
 /// Decides about a scan for one hypothesis by optimal assignment and returns the log-likelihood, tempered.
 ///
-/// The least ambiguous pair of the best assignment refines the pose, and the rest is assigned anew with it.
+/// Names come first. Of the rest the least ambiguous pair of the best assignment refines the pose, and the others are
+/// assigned anew with it. What is left over shows no landmark of the map.
 pub fn decide_assignment<H: Hypothesis>(
     rules: &Rules,
     scan: &[ScanSighting],
@@ -139,46 +176,85 @@ pub fn decide_assignment<H: Hypothesis>(
     scratch: &mut Scratch,
     decisions: &mut [Decision],
 ) -> f64 {
-    let used = &mut scratch.used;
-    used.clear();
-    let mut log_density = 0.0;
-    for index in (0..scan.len()).filter(|j| scan[*j].identity.is_some()) {
-        let choice = best_choice(rules, (index, &scan[index]), &of_sighting[index], hypothesis, used);
-        let (decision, density) = choice.decision(rules);
-        if let Decision::Landmark(candidate) = decision {
-            hypothesis.accept(candidate, &scan[index]);
-            used.push(candidate);
+    scratch.used.clear();
+    let mut deciding = Deciding {
+        rules,
+        scan,
+        of_sighting,
+        hypothesis,
+        used: &mut scratch.used,
+        decisions,
+        log_density: 0.0,
+        left: (0..scan.len()).filter(|j| scan[*j].identity.is_none()).collect(),
+    };
+    deciding.decide_named();
+    while deciding.assign_some() {}
+    deciding.found_or_ignore();
+    rules.likelihood_exponent * deciding.log_density
+}
+
+/// What is decided so far.
+struct Deciding<'a, H> {
+    rules: &'a Rules,
+    scan: &'a [ScanSighting],
+    of_sighting: &'a [Vec<u32>],
+    hypothesis: &'a mut H,
+    /// Candidates that explain a sighting already.
+    used: &'a mut Vec<u32>,
+    decisions: &'a mut [Decision],
+    log_density: f64,
+    /// Sightings without a decision.
+    left: Vec<usize>,
+}
+
+impl<H: Hypothesis> Deciding<'_, H> {
+    /// Those of which somebody says what they show.
+    fn decide_named(&mut self) {
+        for index in (0..self.scan.len()).filter(|j| self.scan[*j].identity.is_some()) {
+            let (decision, density) = self.likeliest(index);
+            if let Decision::Landmark(candidate) = decision {
+                self.hypothesis.accept(candidate, &self.scan[index]);
+                self.used.push(candidate);
+            }
+            self.decisions[index] = decision;
+            self.log_density += density;
         }
-        decisions[index] = decision;
-        log_density += density;
     }
-    let mut left: Vec<usize> = (0..scan.len()).filter(|j| scan[*j].identity.is_none()).collect();
-    loop {
-        let round = Round::new(rules, (scan, of_sighting), hypothesis, used, left);
+
+    /// Takes over the surest pair of the best assignment of the rest, or all where the pose is known; tells whether to
+    /// go on.
+    fn assign_some(&mut self) -> bool {
+        let sightings = std::mem::take(&mut self.left);
+        let round = Round::new(self.rules, (self.scan, self.of_sighting), self.hypothesis, self.used, sightings);
         let pairs = round.pairs();
         // Nothing that is decided can change the rest when the pose is known.
-        let certain = hypothesis.pose_is_certain();
+        let certain = self.hypothesis.pose_is_certain();
         let take = if certain { pairs.len() } else { pairs.len().min(1) };
-        left = round.sightings.clone();
+        self.left = round.sightings.clone();
         for &(row, candidate, density, _) in &pairs[..take] {
             let index = round.sightings[row];
-            hypothesis.accept(candidate, &scan[index]);
-            used.push(candidate);
-            decisions[index] = Decision::Landmark(candidate);
-            log_density += density;
-            left.retain(|j| *j != index);
+            self.hypothesis.accept(candidate, &self.scan[index]);
+            self.used.push(candidate);
+            self.decisions[index] = Decision::Landmark(candidate);
+            self.log_density += density;
+            self.left.retain(|j| *j != index);
         }
-        if certain || pairs.is_empty() {
-            break;
+        !certain && !pairs.is_empty()
+    }
+
+    /// What no landmark explains is new where it lies far enough from all.
+    fn found_or_ignore(&mut self) {
+        for index in std::mem::take(&mut self.left) {
+            self.decisions[index] = match self.likeliest(index).0 {
+                Decision::New => Decision::New,
+                _ => Decision::Ignored,
+            };
+            self.log_density += self.rules.log_new_density;
         }
     }
-    for index in left {
-        let choice = best_choice(rules, (index, &scan[index]), &of_sighting[index], hypothesis, used);
-        decisions[index] = match choice.decision(rules).0 {
-            Decision::New => Decision::New,
-            _ => Decision::Ignored,
-        };
-        log_density += rules.log_new_density;
+
+    fn likeliest(&self, index: usize) -> (Decision, f64) {
+        let candidates = &self.of_sighting[index];
+        best_choice(self.rules, (index, &self.scan[index]), candidates, self.hypothesis, self.used).decision(self.rules)
     }
-    rules.likelihood_exponent * log_density
 }

@@ -101,29 +101,15 @@ impl Detector {
         };
         cluster(settings, beams, bright, &mut self.segments);
         for &segment in &self.segments {
-            let members = || (segment.first..=segment.last).map(|i| beams.index(i)).filter(|&i| bright(i));
-            let verdict = if segment.hits < settings.min_beams as usize {
-                Verdict::TooFewBeams
-            } else if width(beams, segment) > settings.max_width_m {
-                Verdict::TooWide
-            } else {
-                Verdict::Detected
-            };
+            let verdict = judge(settings, beams, segment);
             self.pieces.push(segment.piece(beams, verdict));
             if verdict != Verdict::Detected {
                 continue;
             }
-            let (first, last) = (beams.index(segment.first), beams.index(segment.last));
-            let (a, b) = (beams.direction[first], beams.direction[last]);
-            let length = ((a[0] + b[0]).powi(2) + (a[1] + b[1]).powi(2)).sqrt();
-            let toward = [(a[0] + b[0]) / length, (a[1] + b[1]) / length];
-            self.values.clear();
-            let axis = (toward, play(settings, beams, segment));
-            self.values.extend(members().map(|i| axis_range(settings, beams, i, axis)));
-            let range = median(&mut self.values);
-            let origin = beams.origin[beams.index((segment.first + segment.last) / 2)];
-            let center = [origin[0] + range * toward[0], origin[1] + range * toward[1]];
-            let Some((range_m, bearing_rad, _)) = to_polar(center, Symmetric2::new(1.0, 0.0, 1.0)) else { continue };
+            let members = || (segment.first..=segment.last).map(|i| beams.index(i)).filter(|&i| bright(i));
+            let Some([range_m, bearing_rad]) = measure(settings, beams, segment, members(), &mut self.values) else {
+                continue;
+            };
             found.push(Detection {
                 range_m,
                 bearing_rad,
@@ -132,10 +118,43 @@ impl Detector {
                 intensity: strongest(scan, members()),
                 detection_probability: settings.detection_probability,
                 first_beam: segment.first as u32,
-                last_beam: last as u32,
+                last_beam: beams.index(segment.last) as u32,
             });
         }
     }
+}
+
+/// Whether a run of bright beams may be a reflector.
+fn judge(settings: &Reflectors, beams: &Beams, segment: Segment) -> Verdict {
+    if segment.hits < settings.min_beams as usize {
+        Verdict::TooFewBeams
+    } else if width(beams, segment) > settings.max_width_m {
+        Verdict::TooWide
+    } else {
+        Verdict::Detected
+    }
+}
+
+/// Range and bearing of the axis: the median of what the bright beams say of its range, in their mean direction.
+fn measure(
+    settings: &Reflectors,
+    beams: &Beams,
+    segment: Segment,
+    members: impl Iterator<Item = usize>,
+    ranges: &mut Vec<f64>,
+) -> Option<[f64; 2]> {
+    let ends = [segment.first, segment.last].map(|end| beams.direction[beams.index(end)]);
+    let sum = [0, 1].map(|axis| ends[0][axis] + ends[1][axis]);
+    let length = (sum[0].powi(2) + sum[1].powi(2)).sqrt();
+    let toward = [sum[0] / length, sum[1] / length];
+    let axis = (toward, play(settings, beams, segment));
+    ranges.clear();
+    ranges.extend(members.map(|i| axis_range(settings, beams, i, axis)));
+    let range = median(ranges);
+    let origin = beams.origin[beams.index((segment.first + segment.last) / 2)];
+    let center = [origin[0] + range * toward[0], origin[1] + range * toward[1]];
+    let (range_m, bearing_rad, _) = to_polar(center, Symmetric2::new(1.0, 0.0, 1.0))?;
+    Some([range_m, bearing_rad])
 }
 
 /// Runs of bright beams at one range, joined over the seam of a full turn.

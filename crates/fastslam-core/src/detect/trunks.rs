@@ -197,13 +197,7 @@ fn fit(
         return Err(Verdict::EndsHidden);
     }
     let origin = beams.origin[beams.index((segment.first + segment.last) / 2)];
-    points.clear();
-    points.extend((segment.first..=segment.last).map(|i| beams.index(i)).filter(|&i| beams.echo[i] == Echo::Hit).map(
-        |i| {
-            let p = beams.point(i);
-            [p[0] - origin[0], p[1] - origin[1]]
-        },
-    ));
+    collect_hits(beams, segment, origin, points);
     let arc = Arc { points, origin, edges };
     let noise = settings.noise();
     let circle = circle::refine(&arc, start(settings, beams, segment, points), &noise).ok_or(Verdict::PoorFit)?;
@@ -216,6 +210,16 @@ fn fit(
         return Err(Verdict::Wall);
     }
     Ok((circle, origin, whole))
+}
+
+/// What the beams of a piece hit, relative to `origin`.
+fn collect_hits(beams: &Beams, segment: Segment, origin: [f64; 2], points: &mut Vec<[f64; 2]>) {
+    points.clear();
+    let hits = (segment.first..=segment.last).map(|i| beams.index(i)).filter(|&i| beams.echo[i] == Echo::Hit);
+    points.extend(hits.map(|i| {
+        let p = beams.point(i);
+        [p[0] - origin[0], p[1] - origin[1]]
+    }));
 }
 
 /// Whether a circle may be an object.

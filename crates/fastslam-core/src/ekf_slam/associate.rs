@@ -45,10 +45,10 @@ impl<M: MeasurementModel> EkfSlam<M> {
         let rules = self.rules;
         let mut decisions = vec![Decision::Ignored; scan.len()];
         let mut hypothesis = JointHypothesis { filter: self, failure: Ok(()) };
-        info.log_likelihood +=
+        info.weighing.log_likelihood +=
             decide(&rules, scan, &of_sighting, &mut hypothesis, &mut Scratch::default(), &mut decisions);
         hypothesis.failure?;
-        info.ignored += decisions.iter().filter(|d| **d == Decision::Ignored).count() as u32;
+        info.left_out.ignored += decisions.iter().filter(|d| **d == Decision::Ignored).count() as u32;
         Ok(scan.iter().zip(&decisions).filter(|(_, d)| **d == Decision::New).map(|(s, _)| s).collect())
     }
 

@@ -24,6 +24,7 @@ use crate::math::wrap_angle;
 use crate::measurement::{MeasurementModel, RangeBearing};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::real::Dual;
+use crate::step_info::NoiseInWindow;
 use crate::store::StoreUsage;
 use covariance::{Covariance, SparseRows, VectorPair, TILE};
 use rustc_hash::FxHashMap;
@@ -53,7 +54,7 @@ struct Landmark {
 /// filter.predict([1.0, 0.1, 0.0], 0.1)?;
 /// let tree = Sighting::range_bearing(4.0, 0.3, Some(7));
 /// let info = filter.update(0.1, &[tree])?;
-/// assert_eq!((info.new_landmarks, filter.map().landmarks.len()), (1, 1));
+/// assert_eq!((info.changes.new_landmarks, filter.map().landmarks.len()), (1, 1));
 /// # Ok::<(), fastslam_core::error::Error>(())
 /// ```
 pub struct EkfSlam<M = RangeBearing> {
@@ -182,10 +183,10 @@ impl<M: MeasurementModel> EkfSlam<M> {
     }
 
     fn take_in(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
-        let mut info =
-            StepInfo { step: self.state.steps, effective_sample_size: 1.0, sampled: true, ..StepInfo::default() };
+        let mut info = StepInfo { step: self.state.steps, ..StepInfo::default() };
+        (info.weighing.effective_sample_size, info.sampling.sampled) = (1.0, true);
         let mut scan: Vec<_> =
-            usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.skipped).collect();
+            usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.left_out.skipped).collect();
         info.sightings = scan.len() as u32;
         self.seen.clear();
         self.move_pose();
@@ -200,14 +201,14 @@ impl<M: MeasurementModel> EkfSlam<M> {
             match sighting.identity.and_then(|identity| self.state.of_identity.get(&identity).copied()) {
                 // A second sighting of a landmark that this scan created.
                 Some(index) if self.identities == Identities::All => {
-                    info.log_likelihood +=
+                    info.weighing.log_likelihood +=
                         self.rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
                 }
                 _ => {
                     let taken = Taken::New(self.state.landmarks.len() as u64);
                     self.seen.push(Seen { value: sighting.measured.value, taken });
                     self.add(sighting);
-                    info.new_landmarks += 1;
+                    info.changes.new_landmarks += 1;
                 }
             }
         }
@@ -228,7 +229,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
         for (what, sound) in [
             ("the pose", self.state.pose.to_array().iter().all(is_number)),
             ("a landmark", self.state.mean.iter().all(is_number)),
-            ("the likelihood", info.log_likelihood.is_finite()),
+            ("the likelihood", info.weighing.log_likelihood.is_finite()),
         ] {
             if !sound {
                 return Err(Error::NotFinite { step: self.state.steps, what });
@@ -274,14 +275,13 @@ impl<M: MeasurementModel> EkfSlam<M> {
 
     /// Gives the verdict on a step.
     fn judge_health(&mut self, stamp_s: f64, info: &mut StepInfo) {
-        (info.particles, info.matched) = (1, self.state.watch.matches() as u32);
+        (info.sampling.particles, info.matched) = (1, self.state.watch.matches() as u32);
         self.state.watch.matched(std::iter::empty(), info.sightings as usize);
         if self.state.watch.noise.is_report_due() {
             self.state.noise_report = self.state.watch.noise.of_window();
         }
-        let report = &self.state.noise_report;
-        (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
-        let births_before = self.state.landmarks.len() as u64 - u64::from(info.new_landmarks);
+        info.noise = NoiseInWindow::from(&self.state.noise_report);
+        let births_before = self.state.landmarks.len() as u64 - u64::from(info.changes.new_landmarks);
         let PoseEstimate { mean: T_world_robot, covariance: pose_covariance } = self.pose();
         let (particles, effective_sample_size) = (1, 1.0);
         let map_in_view = self.look_at_map();
@@ -324,7 +324,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
             } else {
                 let value = scan.remove(j).measured.value;
                 self.seen.push(Seen { value, taken: Taken::Nothing });
-                info.ignored += 1;
+                info.left_out.ignored += 1;
             }
         }
     }
@@ -366,7 +366,7 @@ impl<M: MeasurementModel> EkfSlam<M> {
         for sighting in scan {
             match sighting.identity.and_then(|identity| self.state.of_identity.get(&identity).copied()) {
                 Some(index) => {
-                    info.log_likelihood +=
+                    info.weighing.log_likelihood +=
                         self.rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
                 }
                 None => new.push(sighting),

@@ -1,5 +1,6 @@
 //! What the particles say together: the pose and the map, with the uncertainty of the whole mixture.
 
+use super::existence::is_confirmed;
 use super::{mixture, FastSlam, GivenUse, Particles};
 use crate::association::Appearance;
 use crate::gaussian::Gaussian;
@@ -7,6 +8,7 @@ use crate::geometry::{Pose, Symmetric2};
 use crate::given::Role;
 use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
+use crate::store::Rows;
 use crate::vector::vectorized;
 
 /// A landmark of the estimated map.
@@ -85,44 +87,32 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// The map: the landmarks that the best particle holds, each as the mixture over all particles that hold it.
     pub fn map(&mut self) -> MapEstimate {
         let best = self.state.particles.best();
-        let mut landmarks = Vec::new();
-        for slot in self.state.landmarks.live_slots() {
-            let Some(known) = self.state.landmarks.slot(slot) else { continue };
-            let rows = self.state.landmarks.read(slot);
-            let sightings = rows.column(column::SIGHTINGS)[best];
-            if sightings == 0.0 {
-                continue;
-            }
-            let (mut mass, mut x, mut y) = (0.0, 0.0, 0.0);
-            for (i, w) in self.state.weights.values.iter().enumerate() {
-                if let Some(landmark) = gaussian_in(&rows, i) {
-                    mass += w;
-                    x += w * landmark.mean[0];
-                    y += w * landmark.mean[1];
-                }
-            }
-            if mass == 0.0 {
-                continue;
-            }
-            let mean = [x / mass, y / mass];
-            let held = self.state.weights.values.iter().enumerate();
-            let parts = held.filter_map(|(i, w)| Some((w / mass, gaussian_in(&rows, i)?)));
-            let covariance = Gaussian::mixture_about(mean, parts).covariance;
-            let identity = if self.state.landmarks.columns() > column::IDENTITY {
-                let mark = self.state.landmarks.read(slot).column(column::IDENTITY)[best];
-                (mark > 0.0).then_some((mark - 1.0) as u32)
-            } else {
-                known.identity
-            };
-            let confirmed = identity.is_some() || self.is_confirmed(slot, sightings);
-            let appearance = self.appearance_of(slot);
-            let (birth, given) = (known.birth, self.state.given.used(known.birth));
-            // Rows of fixed landmarks count no sightings.
-            let fixed = given.filter(|given| given.role == Role::Fixed).map_or(0, |given| given.sighted);
-            let sightings = sightings as u32 + fixed;
-            landmarks.push(MapLandmark { birth, identity, mean, covariance, sightings, confirmed, appearance, given });
+        let slots = self.state.landmarks.live_slots();
+        MapEstimate { landmarks: slots.into_iter().filter_map(|slot| self.map_landmark(slot, best)).collect() }
+    }
+
+    /// A landmark of the map, where the best particle holds it.
+    fn map_landmark(&mut self, slot: u32, best: usize) -> Option<MapLandmark> {
+        let known = self.state.landmarks.slot(slot)?;
+        let rows = self.state.landmarks.read(slot);
+        let sightings = rows.column(column::SIGHTINGS)[best];
+        if sightings == 0.0 {
+            return None;
         }
-        MapEstimate { landmarks }
+        let Gaussian { mean, covariance } = mixture_in(&rows, &self.state.weights.values)?;
+        let identity = if self.state.landmarks.columns() > column::IDENTITY {
+            let mark = self.state.landmarks.read(slot).column(column::IDENTITY)[best];
+            (mark > 0.0).then_some((mark - 1.0) as u32)
+        } else {
+            known.identity
+        };
+        let confirmed = identity.is_some() || is_confirmed(&self.settings, self.state.maps(), slot, sightings);
+        let appearance = self.appearance_of(slot);
+        let (birth, given) = (known.birth, self.state.given.used(known.birth));
+        // Rows of fixed landmarks count no sightings.
+        let fixed = given.filter(|given| given.role == Role::Fixed).map_or(0, |given| given.sighted);
+        let sightings = sightings as u32 + fixed;
+        Some(MapLandmark { birth, identity, mean, covariance, sightings, confirmed, appearance, given })
     }
 
     /// What a landmark looks like, over the particles that hold it.
@@ -151,4 +141,22 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub fn best_path(&self) -> Vec<(f64, Pose)> {
         self.state.path.path(self.state.particles.best())
     }
+}
+
+/// A landmark as the weighted mixture of what the particles that hold it have; `None` where these have no weight.
+fn mixture_in(rows: &Rows<'_>, weights: &[f64]) -> Option<Gaussian> {
+    let (mut mass, mut x, mut y) = (0.0, 0.0, 0.0);
+    for (i, w) in weights.iter().enumerate() {
+        if let Some(landmark) = gaussian_in(rows, i) {
+            mass += w;
+            x += w * landmark.mean[0];
+            y += w * landmark.mean[1];
+        }
+    }
+    if mass == 0.0 {
+        return None;
+    }
+    let held = weights.iter().enumerate();
+    let parts = held.filter_map(|(i, w)| Some((w / mass, gaussian_in(rows, i)?)));
+    Some(Gaussian::mixture_about([x / mass, y / mass], parts))
 }

@@ -22,9 +22,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         matches.clear();
         let known = scan.iter().filter_map(|sighting| Some((sighting, self.known_slot(sighting)?)));
         matches.extend(known.map(|(sighting, slot)| (sighting.measured.value, self.state.landmarks.birth(slot))));
-        self.state.watch.matched(matches.iter().copied(), scan.len());
+        self.state.diagnosis.watch.matched(matches.iter().copied(), scan.len());
         self.work.matches = matches;
-        if !self.state.watch.examines() || self.work.matches.is_empty() {
+        if !self.state.diagnosis.watch.examines() || self.work.matches.is_empty() {
             return;
         }
         let mut examination = std::mem::take(&mut self.work.examination);
@@ -33,7 +33,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         known.extend(scan.iter().enumerate().filter_map(|(j, sighting)| Some((j, self.known_slot(sighting)?))));
         self.choose_subset(particles);
         pairs.clear();
-        for place in spread(known.len(), self.state.watch.examinations()) {
+        for place in spread(known.len(), self.state.diagnosis.watch.examinations()) {
             let (j, slot) = known[place];
             let rows = self.state.landmarks.read(slot);
             pairs.push((scan[j].measured, of_subset(particles, |i| gaussian_in(&rows, i))));
@@ -54,9 +54,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         let mut matches = std::mem::take(&mut self.work.matches);
         matches.clear();
         matches.extend(known.clone().map(|(j, candidate)| (scan[j].measured.value, birth(candidate))));
-        self.state.watch.matched(matches.iter().copied(), scan.len());
+        self.state.diagnosis.watch.matched(matches.iter().copied(), scan.len());
         self.work.matches = matches;
-        if !self.state.watch.examines() || scan.is_empty() {
+        if !self.state.diagnosis.watch.examines() || scan.is_empty() {
             return;
         }
         let mut examination = std::mem::take(&mut self.work.examination);
@@ -65,7 +65,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.look_at_map(&mut examination, |candidate| table.slots[candidate as usize]);
         if !examination.known.is_empty() {
             let Examination { known, particles, pairs, .. } = &mut examination;
-            let chosen = || spread(known.len(), self.state.watch.examinations()).map(|place| known[place]);
+            let chosen = || spread(known.len(), self.state.diagnosis.watch.examinations()).map(|place| known[place]);
             self.choose_subset(particles);
             particles.retain(|i| chosen().all(|(j, candidate)| of(*i)[j] == Decision::Landmark(candidate)));
             let landmarks = |candidate| of_subset(particles, |i| table.gaussian(candidate, i));
@@ -80,8 +80,8 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn look_at_map(&mut self, examination: &mut Examination, slot_of: impl Fn(u32) -> u32) {
         let Examination { known, in_reach, row, .. } = examination;
         let best = self.state.particles.best();
-        let (view, pose) = (self.state.watch.view(), self.work.beliefs.get(best).mean);
-        if !self.state.watch.looks_from(pose) {
+        let (view, pose) = (self.state.diagnosis.watch.view(), self.work.beliefs.get(best).mean);
+        if !self.state.diagnosis.watch.looks_from(pose) {
             return;
         }
         let sensor = pose.compose(self.models.T_robot_sensor);
@@ -97,7 +97,10 @@ impl<M: MeasurementModel> FastSlam<M> {
             }
             if view.contains(pose, [row[column::MEAN_X], row[column::MEAN_Y]]) {
                 let sighted = known.iter().any(|(_, candidate)| slot_of(*candidate) == slot);
-                self.state.watch.looked(&mut in_view, InView { birth: self.state.landmarks.birth(slot), sighted });
+                self.state
+                    .diagnosis
+                    .watch
+                    .looked(&mut in_view, InView { birth: self.state.landmarks.birth(slot), sighted });
             }
         }
         self.work.map_in_view = Some(in_view);
@@ -110,7 +113,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let known = self.state.landmarks.live_slots().into_iter().filter(|slot| {
             self.state.landmarks.read_row(*slot, best, &mut row) && row[column::SIGHTINGS] >= SIGHTINGS_TO_COUNT
         });
-        self.state.watch.returns(known.map(|slot| self.state.landmarks.birth(slot)))
+        self.state.diagnosis.watch.returns(known.map(|slot| self.state.landmarks.birth(slot)))
     }
 
     /// Some particles, evenly spaced.
@@ -128,8 +131,8 @@ impl<M: MeasurementModel> FastSlam<M> {
         predictions.extend(particles.iter().enumerate().filter_map(|(row, i)| self.prediction(*i, row, pairs)));
         if let Some(mut scan) = mixture(predictions) {
             let heading = self.belief_of(self.state.particles.best()).mean.heading;
-            scan.motion = self.state.motion_since_scan.covariances_in_world(heading);
-            self.state.watch.noise.add(&scan);
+            scan.motion = self.state.motions.since_scan.covariances_in_world(heading);
+            self.state.diagnosis.watch.noise.add(&scan);
         }
     }
 

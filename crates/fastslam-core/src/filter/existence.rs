@@ -5,132 +5,175 @@
 //! In place of fixed numbers they can follow Bayes' rule; and where the probability of a detection is known, a map that
 //! holds landmarks in view that were not sighted loses weight.
 
-use super::landmarks::EXISTENCE_COLUMNS;
-use super::work::{Judging, Verdict};
-use super::{FastSlam, Particles, StepInfo};
-use crate::association::{Box2, CandidateTable, Decision};
+use super::landmarks::{Landmarks, EXISTENCE_COLUMNS};
+use super::state::Maps;
+use super::work::{Claims, Correcting, Judging, Verdict};
+use super::{Particles, Settings};
+use crate::association::{Box2, Decision};
 use crate::config::{AssociationConfig, ExistenceForm, Removal};
-use crate::landmark::column;
+use crate::landmark::{column, SensorPoses};
 use crate::math;
-use crate::measurement::MeasurementModel;
 use crate::vector::vectorized;
 
-impl<M: MeasurementModel> FastSlam<M> {
-    /// Whether scans are judged by what they should have shown.
-    pub(super) fn judges_existence(&self) -> bool {
-        let association = &self.settings.config.association;
-        let counts = association.existence.removal == Removal::WhenMissed
-            || association.existence.form == ExistenceForm::Bayes
-            || association.detection_probability.is_some();
-        self.state.landmarks.existence.is_some() && counts
-    }
+/// Whether scans are judged by what they should have shown.
+pub(super) fn is_judged(settings: &Settings, landmarks: &Landmarks) -> bool {
+    let association = &settings.config.association;
+    let counts = association.existence.removal == Removal::WhenMissed
+        || association.existence.form == ExistenceForm::Bayes
+        || association.detection_probability.is_some();
+    landmarks.existence.is_some() && counts
+}
 
-    /// The log-odds of a landmark at its first sighting.
-    pub(super) fn initial_log_odds(&self) -> f64 {
-        let settings = &self.settings.config.association.existence;
-        match (settings.form, self.settings.rules.initial_log_odds) {
-            (ExistenceForm::Bayes, Some(log_odds)) => log_odds,
-            _ => settings.initial_log_odds,
+/// The log-odds of a landmark at its first sighting.
+pub(super) fn initial_log_odds(settings: &Settings) -> f64 {
+    let existence = &settings.config.association.existence;
+    match (existence.form, settings.rules.initial_log_odds) {
+        (ExistenceForm::Bayes, Some(log_odds)) => log_odds,
+        _ => existence.initial_log_odds,
+    }
+}
+
+/// Adds to every particle's number the odds that a landmark is sighted rather than missed, r P_D / (1 − r P_D), as a
+/// logarithm.
+///
+/// **Why:** every landmark in view costs ln(1 − r P_D), sighted or not ([`judge`]); a sighting takes that back.
+pub(super) fn add_detection_odds(settings: &Settings, landmarks: &mut Landmarks, slot: u32, evidence: &mut [f64]) {
+    let Some(detection) = settings.config.association.detection_probability else { return };
+    let Some(existence) = &mut landmarks.existence else { return };
+    let log_odds = existence.read(slot).column(1);
+    for (value, log_odds) in evidence.iter_mut().zip(log_odds) {
+        let seen = math::logistic(*log_odds) * detection;
+        *value += math::ln(seen / (1.0 - seen));
+    }
+}
+
+/// Whether the best particle's landmark, seen so often, counts as real.
+pub(super) fn is_confirmed(settings: &Settings, maps: Maps<'_>, slot: u32, sightings: f64) -> bool {
+    if maps.given.of(maps.landmarks.birth(slot)).is_some() {
+        return true;
+    }
+    let settings = &settings.config.association.existence;
+    let Some(existence) = &mut maps.landmarks.existence else { return true };
+    let likely = match settings.form {
+        ExistenceForm::Counted => true,
+        ExistenceForm::Bayes => existence.read(slot).column(1)[maps.particles.best()] >= settings.confirmed_log_odds,
+    };
+    likely && sightings >= f64::from(settings.confirmed_sightings)
+}
+
+/// Counts a scan for and against every landmark in view, and removes what no longer exists in a particle's map. Returns
+/// how many the best particle lost.
+///
+/// The claims are those of the particles as they stand now. Landmarks that this scan founded are not judged by it.
+pub(super) fn judge(
+    settings: &Settings,
+    mut maps: Maps<'_>,
+    claims: Claims<'_>,
+    correcting: &Correcting,
+    judging: &mut Judging,
+) -> u32 {
+    let odds = Odds::of(settings);
+    let view = View::of(settings);
+    list_in_reach(&view, &mut maps, claims, &correcting.sensor_poses, &mut judging.in_reach);
+    note_sighted(claims, maps.particles.len(), &mut judging.sighted);
+    judging.verdicts.clear();
+    judging.verdicts.resize(maps.particles.len(), Verdict::Unseen);
+    let mut removed = 0;
+    for place in 0..judging.in_reach.len() {
+        let slot = judging.in_reach[place];
+        // Candidates that nobody holds any more are gone; they have no birth.
+        if maps.landmarks.birth(slot) >= correcting.first_birth {
+            continue;
+        }
+        view.find_missed(maps.landmarks, slot, &correcting.sensor_poses, &mut judging.verdicts);
+        if let Some(candidate) = claims.table.slots.iter().position(|s| *s == slot) {
+            enter_sighted(candidate, &correcting.sighting_densities, judging);
+        }
+        if judging.verdicts.iter().all(|v| *v == Verdict::Unseen) {
+            continue;
+        }
+        if maps.is_fixed(slot) {
+            odds.weigh_missed(&mut maps, slot, &judging.verdicts);
+        } else {
+            removed += odds.count(&mut maps, slot, judging);
         }
     }
+    removed
+}
 
-    /// Adds to every particle's number the odds that a landmark is sighted rather than missed, r P_D / (1 − r P_D), as
-    /// a logarithm.
-    ///
-    /// **Why:** every landmark in view costs ln(1 − r P_D), sighted or not ([`Self::judge_existence`]); a sighting takes
-    /// that back.
-    pub(super) fn add_detection_odds(&mut self, slot: u32, evidence: &mut [f64]) {
-        let Some(detection) = self.settings.config.association.detection_probability else { return };
-        let Some(existence) = &mut self.state.landmarks.existence else { return };
-        let log_odds = existence.read(slot).column(1);
-        for (value, log_odds) in evidence.iter_mut().zip(log_odds) {
-            let seen = math::logistic(*log_odds) * detection;
-            *value += math::ln(seen / (1.0 - seen));
-        }
-    }
+/// Lists the landmarks that some sensor may see for sure, and the candidates of the scan, in the order of birth.
+fn list_in_reach(
+    view: &View,
+    maps: &mut Maps<'_>,
+    claims: Claims<'_>,
+    sensor_poses: &SensorPoses,
+    in_reach: &mut Vec<u32>,
+) {
+    in_reach.clear();
+    maps.landmarks.find(&view.region(maps.particles.len(), sensor_poses), in_reach);
+    in_reach.extend_from_slice(&claims.table.slots);
+    in_reach.sort_unstable_by_key(|slot| maps.landmarks.birth(*slot));
+    in_reach.dedup();
+}
 
-    /// Whether the best particle's landmark counts as real.
-    pub(super) fn is_confirmed(&mut self, slot: u32, sightings: f64) -> bool {
-        if self.state.given.of(self.state.landmarks.birth(slot)).is_some() {
-            return true;
-        }
-        let best = self.state.particles.best();
-        let settings = &self.settings.config.association.existence;
-        let Some(existence) = &mut self.state.landmarks.existence else { return true };
-        let likely = match settings.form {
-            ExistenceForm::Counted => true,
-            ExistenceForm::Bayes => existence.read(slot).column(1)[best] >= settings.confirmed_log_odds,
-        };
-        likely && sightings >= f64::from(settings.confirmed_sightings)
-    }
-
-    /// Counts a scan for and against every landmark in view, and removes what no longer exists in a particle's map.
-    ///
-    /// `decisions` are those of the particles as they stand now, an equal share each. Landmarks born after
-    /// `first_birth` came with this scan and are not judged by it.
-    pub(super) fn judge_existence(
-        &mut self,
-        decisions: &[Decision],
-        table: &CandidateTable,
-        first_birth: u64,
-        info: &mut StepInfo,
-    ) {
-        let mut judging = std::mem::take(&mut self.work.judging);
-        let Judging { in_reach, sighted, verdicts, .. } = &mut judging;
-        in_reach.clear();
-        self.state.landmarks.find(&self.view_region(), in_reach);
-        in_reach.extend_from_slice(&table.slots);
-        in_reach.sort_unstable_by_key(|slot| self.state.landmarks.birth(*slot));
-        in_reach.dedup();
-        note_sighted(decisions, table.slots.len(), self.state.particles.len(), sighted);
-        verdicts.clear();
-        verdicts.resize(self.state.particles.len(), Verdict::Unseen);
-        for place in 0..judging.in_reach.len() {
-            let (slot, verdicts) = (judging.in_reach[place], &mut judging.verdicts);
-            // Candidates that nobody holds any more are gone; they have no birth.
-            if self.state.landmarks.birth(slot) >= first_birth {
-                continue;
+/// Notes which particle took some sighting for which candidate.
+fn note_sighted(claims: Claims<'_>, particles: usize, sighted: &mut Vec<bool>) {
+    sighted.clear();
+    sighted.resize(claims.table.slots.len() * particles, false);
+    let share = claims.decisions.len() / particles;
+    for (i, mine) in claims.decisions.chunks_exact(share).enumerate() {
+        for decision in mine {
+            if let Decision::Landmark(candidate) = decision {
+                sighted[*candidate as usize * particles + i] = true;
             }
-            self.find_in_view(slot, verdicts);
-            if let Some(candidate) = table.slots.iter().position(|s| *s == slot) {
-                let sighted = &judging.sighted[candidate * verdicts.len()..][..verdicts.len()];
-                // Only Bayes' rule asks for densities.
-                let densities =
-                    self.work.correcting.sighting_densities.get(candidate * verdicts.len()..).unwrap_or_default();
-                for (i, verdict) in verdicts.iter_mut().enumerate().filter(|(i, _)| sighted[*i]) {
-                    *verdict = Verdict::Sighted(densities.get(i).copied().unwrap_or_default());
-                }
-            }
-            let in_view = judging.verdicts.iter().any(|v| *v != Verdict::Unseen);
-            if in_view && self.is_fixed(slot) {
-                self.weigh_missed(slot, &judging.verdicts);
-            } else if in_view {
-                info.removed += self.count(slot, &mut judging);
-            }
         }
-        self.work.judging = judging;
+    }
+}
+
+/// Enters the particles that took some sighting for a candidate among the verdicts on it; only Bayes' rule asks for
+/// `densities`, those of the sightings of all candidates in all maps.
+fn enter_sighted(candidate: usize, densities: &[f64], judging: &mut Judging) {
+    let n = judging.verdicts.len();
+    let sighted = &judging.sighted[candidate * n..][..n];
+    let densities = densities.get(candidate * n..).unwrap_or_default();
+    for (i, verdict) in judging.verdicts.iter_mut().enumerate().filter(|(i, _)| sighted[*i]) {
+        *verdict = Verdict::Sighted(densities.get(i).copied().unwrap_or_default());
+    }
+}
+
+/// Where a landmark is surely in view and would have been sighted.
+#[derive(Clone, Copy, Debug)]
+struct View {
+    near_m: f64,
+    far_m: f64,
+    half_width_rad: f64,
+}
+
+impl View {
+    fn of(settings: &Settings) -> Self {
+        let (sensor, existence) = (&settings.config.sensor, &settings.config.association.existence);
+        Self {
+            near_m: sensor.min_range_m,
+            far_m: existence.range_fraction * sensor.max_range_m,
+            half_width_rad: 0.5 * existence.view_fraction * sensor.field_of_view_rad,
+        }
     }
 
     /// A box around everything that any particle's sensor can see for sure.
-    fn view_region(&self) -> Box2 {
-        let reach = self.settings.config.association.existence.range_fraction * self.settings.config.sensor.max_range_m;
+    fn region(&self, particles: usize, sensor_poses: &SensorPoses) -> Box2 {
         let mut region = Box2::EMPTY;
-        for i in 0..self.state.particles.len() {
-            region.include([self.work.correcting.sensor_poses.x[i], self.work.correcting.sensor_poses.y[i]], reach);
+        for i in 0..particles {
+            region.include([sensor_poses.x[i], sensor_poses.y[i]], self.far_m);
         }
         region
     }
 
-    /// Where a landmark is surely in view and would have been sighted.
-    fn find_in_view(&mut self, slot: u32, verdicts: &mut [Verdict]) {
-        let settings = &self.settings.config.association.existence;
-        let reach = settings.range_fraction * self.settings.config.sensor.max_range_m;
-        let near = self.settings.config.sensor.min_range_m;
-        let half_view = 0.5 * settings.view_fraction * self.settings.config.sensor.field_of_view_rad;
-        let rows = self.state.landmarks.read(slot);
+    /// The verdicts of all maps on a landmark before any sighting is looked at: missed where it is in view.
+    fn find_missed(&self, landmarks: &mut Landmarks, slot: u32, poses: &SensorPoses, verdicts: &mut [Verdict]) {
+        let Self { near_m: near, far_m: reach, half_width_rad } = *self;
+        let rows = landmarks.read(slot);
         let (count, x, y) = (rows.column(column::SIGHTINGS), rows.column(column::MEAN_X), rows.column(column::MEAN_Y));
         let n = verdicts.len();
-        let poses = &self.work.correcting.sensor_poses;
         let (count, x, y) = (&count[..n], &x[..n], &y[..n]);
         let (sensor_x, sensor_y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
         vectorized(
@@ -142,83 +185,109 @@ impl<M: MeasurementModel> FastSlam<M> {
                     // No branches: the loop must stay a straight line to become vector code.
                     let reachable = (count[i] != 0.0) & (range_squared < reach * reach) & (range_squared > near * near);
                     let bearing = math::wrap_angle(math::atan2(dy, dx) - heading[i]);
-                    let seen = reachable & (bearing.abs() < half_view);
+                    let seen = reachable & (bearing.abs() < half_width_rad);
                     verdicts[i] = if seen { Verdict::Missed } else { Verdict::Unseen };
                 }
             },
         );
     }
+}
+
+/// What a scan does to the odds that a landmark exists, and to the weights of the maps that have it in view.
+#[derive(Clone, Copy, Debug)]
+struct Odds<'a> {
+    association: &'a AssociationConfig,
+    /// Taken away from the log-odds by a scan that misses the landmark.
+    missed_log_odds: f64,
+    /// Below this a landmark is removed, where landmarks are.
+    lowest_log_odds: f64,
+    /// Power of the likelihood in the weight.
+    likelihood_exponent: f64,
+}
+
+impl<'a> Odds<'a> {
+    fn of(settings: &'a Settings) -> Self {
+        let association = &settings.config.association;
+        let existence = &association.existence;
+        Self {
+            association,
+            missed_log_odds: match (existence.form, association.detection_probability) {
+                (ExistenceForm::Bayes, Some(detection)) => -math::ln(1.0 - detection),
+                _ => existence.missed_log_odds,
+            },
+            lowest_log_odds: initial_log_odds(settings) + existence.lowest_log_odds - existence.initial_log_odds,
+            likelihood_exponent: settings.rules.likelihood_exponent,
+        }
+    }
+
+    /// What it costs a map to have a landmark in view that exists with these odds: ln(1 − r P_D); none where P_D is not
+    /// known.
+    fn log_weight_of_missing(&self, log_odds: f64) -> Option<f64> {
+        let detection = self.association.detection_probability?;
+        Some(self.likelihood_exponent * math::ln(1.0 - math::logistic(log_odds) * detection))
+    }
+
+    /// The log-odds after the verdict of a scan.
+    fn after(&self, verdict: Verdict, log_odds: f64) -> f64 {
+        // Below this its odds would round to nothing, and nothing could bring it back.
+        let floor = self.lowest_log_odds.min(-50.0) - 1.0;
+        match verdict {
+            Verdict::Unseen => log_odds,
+            Verdict::Missed => (log_odds - self.missed_log_odds).max(floor),
+            Verdict::Sighted(density) => {
+                (log_odds + gained(self.association, density)).min(self.association.existence.highest_log_odds)
+            }
+        }
+    }
 
     /// What a scan says against the maps that have a landmark in view, where nothing changes the landmark itself.
-    fn weigh_missed(&mut self, slot: u32, verdicts: &[Verdict]) {
-        let Some(detection) = self.settings.config.association.detection_probability else { return };
-        let Some(existence) = &mut self.state.landmarks.existence else { return };
+    fn weigh_missed(&self, maps: &mut Maps<'_>, slot: u32, verdicts: &[Verdict]) {
+        let Some(existence) = &mut maps.landmarks.existence else { return };
+        if self.association.detection_probability.is_none() {
+            return;
+        }
         let log_odds = existence.read(slot).column(1);
-        let Particles { log_weight, score, .. } = &mut self.state.particles;
+        let Particles { log_weight, score, .. } = &mut *maps.particles;
         for (i, _) in verdicts.iter().enumerate().filter(|(_, verdict)| **verdict != Verdict::Unseen) {
-            let exists = math::logistic(log_odds[i]);
-            let missed = self.settings.rules.likelihood_exponent * math::ln(1.0 - exists * detection);
-            log_weight[i] += missed;
-            score[i] += missed;
+            if let Some(missed) = self.log_weight_of_missing(log_odds[i]) {
+                log_weight[i] += missed;
+                score[i] += missed;
+            }
         }
     }
 
     /// Counts one scan for a landmark in every map and removes it from those in which it no longer exists. Returns
     /// whether the best particle lost it.
-    fn count(&mut self, slot: u32, judging: &mut Judging) -> u32 {
+    fn count(&self, maps: &mut Maps<'_>, slot: u32, judging: &mut Judging) -> u32 {
         let Judging { verdicts, judged, dead, .. } = judging;
-        let association = &self.settings.config.association;
-        let settings = &association.existence;
-        let lowest = self.initial_log_odds() + settings.lowest_log_odds - settings.initial_log_odds;
-        let missed_log_odds = match (settings.form, association.detection_probability) {
-            (ExistenceForm::Bayes, Some(detection)) => -math::ln(1.0 - detection),
-            _ => settings.missed_log_odds,
-        };
-        // Below this its odds would round to nothing, and nothing could bring it back.
-        let floor = lowest.min(-50.0) - 1.0;
-        let (exponent, removes) = (self.settings.rules.likelihood_exponent, settings.removal == Removal::WhenMissed);
         judged.clear();
         judged.extend(verdicts.iter().map(|v| *v != Verdict::Unseen));
         dead.clear();
         dead.resize(verdicts.len(), false);
-        let Particles { log_weight, score, .. } = &mut self.state.particles;
-        let Some(existence) = &mut self.state.landmarks.existence else { return 0 };
+        let removes = self.association.existence.removal == Removal::WhenMissed;
+        let Particles { log_weight, score, .. } = &mut *maps.particles;
+        let Some(existence) = &mut maps.landmarks.existence else { return 0 };
         existence.update(slot, Some(judged), &mut |rows| {
             let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
-            for (i, verdict) in verdicts.iter().enumerate().filter(|(_, v)| **v != Verdict::Unseen) {
+            for i in (0..judged.len()).filter(|i| judged[*i]) {
                 if present[i] == 0.0 {
                     continue;
                 }
-                if let Some(detection) = association.detection_probability {
-                    let missed = exponent * math::ln(1.0 - math::logistic(log_odds[i]) * detection);
+                if let Some(missed) = self.log_weight_of_missing(log_odds[i]) {
                     log_weight[i] += missed;
                     score[i] += missed;
                 }
-                log_odds[i] = match verdict {
-                    Verdict::Sighted(density) => {
-                        (log_odds[i] + gained(association, *density)).min(settings.highest_log_odds)
-                    }
-                    _ => (log_odds[i] - missed_log_odds).max(floor),
-                };
-                if removes && log_odds[i] < lowest {
+                log_odds[i] = self.after(verdicts[i], log_odds[i]);
+                if removes && log_odds[i] < self.lowest_log_odds {
                     dead[i] = true;
                     (present[i], log_odds[i]) = (0.0, 0.0);
                 }
             }
         });
-        if !dead.contains(&true) {
-            return 0;
+        if dead.contains(&true) {
+            maps.lose(slot, dead);
         }
-        self.state.landmarks.update(slot, Some(dead), |mut rows| {
-            let count = rows.column(column::SIGHTINGS);
-            (0..dead.len()).filter(|i| dead[*i]).for_each(|i| count[i] = 0.0);
-        });
-        let Particles { landmarks, .. } = &mut self.state.particles;
-        landmarks.iter_mut().zip(&*dead).for_each(|(count, dead)| *count -= u32::from(*dead));
-        if self.state.landmarks.holders(slot) == 0 {
-            self.state.landmarks.remove(slot);
-        }
-        u32::from(dead[self.state.particles.best()])
+        u32::from(dead[maps.particles.best()])
     }
 }
 
@@ -229,19 +298,5 @@ fn gained(association: &AssociationConfig, log_likelihood: f64) -> f64 {
             math::ln(1.0 - detection + detection * math::exp(log_likelihood) / clutter)
         }
         _ => association.existence.sighted_log_odds,
-    }
-}
-
-/// Notes which particle took some sighting for which candidate.
-fn note_sighted(decisions: &[Decision], candidates: usize, particles: usize, sighted: &mut Vec<bool>) {
-    sighted.clear();
-    sighted.resize(candidates * particles, false);
-    let share = decisions.len() / particles;
-    for (i, mine) in decisions.chunks_exact(share).enumerate() {
-        for decision in mine {
-            if let Decision::Landmark(candidate) = decision {
-                sighted[*candidate as usize * particles + i] = true;
-            }
-        }
     }
 }

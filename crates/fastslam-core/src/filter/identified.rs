@@ -26,7 +26,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.weigh();
         let before = self.state.weights.log_mean;
         self.weights_now()?;
-        info.log_likelihood += self.state.weights.log_mean - before;
+        info.weighing.log_likelihood += self.state.weights.log_mean - before;
         self.estimate_particles();
         if self.resample_if_needed(info) {
             self.restart_weights();
@@ -130,6 +130,6 @@ impl<M: MeasurementModel> FastSlam<M> {
         let slot = self.state.landmarks.insert(sighting.identity, &self.work.correcting.rows, 0.0);
         self.learn_appearance(slot, sighting);
         self.state.particles.landmarks.iter_mut().for_each(|count| *count += 1);
-        info.new_landmarks += 1;
+        info.changes.new_landmarks += 1;
     }
 }

@@ -226,6 +226,14 @@ impl Landmarks {
         }
     }
 
+    /// Makes a landmark absent from the maps that `mask` marks.
+    pub fn clear_rows(&mut self, slot: u32, mask: &[bool]) {
+        self.update(slot, Some(mask), |mut rows| {
+            let count = rows.column(column::SIGHTINGS);
+            (0..mask.len()).filter(|i| mask[*i]).for_each(|i| count[i] = 0.0);
+        });
+    }
+
     /// Enters a landmark's place into the spatial index.
     fn update_place(&mut self, slot: u32) {
         let Self { store, grid, gate_radius, .. } = self;

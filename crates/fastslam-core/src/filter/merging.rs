@@ -12,7 +12,7 @@ use crate::gaussian::{distance_squared, product, spread_product, Gaussian};
 use crate::landmark::{column, gaussian_in};
 use crate::measurement::MeasurementModel;
 use crate::smoothing::RARE;
-use crate::store::Rows;
+use crate::store::{Rows, RowsMut};
 
 /// Duplicates are looked for in every so many steps.
 const PERIOD: u64 = 8;
@@ -43,7 +43,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         for (place, &younger) in slots.iter().enumerate() {
             for &older in &slots[..place] {
                 if [older, younger].iter().all(|slot| self.state.landmarks.slot(*slot).is_some()) {
-                    info.merged += self.merge(older, younger);
+                    info.changes.merged += self.merge(older, younger);
                 }
             }
         }
@@ -95,17 +95,8 @@ impl<M: MeasurementModel> FastSlam<M> {
             for i in (0..n).filter(|i| touched[*i]) {
                 if union.moved[i] {
                     (0..columns).for_each(|c| rows.column(c)[i] = young.column(c)[i]);
-                } else if let (Some(a), Some(b)) = (gaussian_in(&old, i), gaussian_in(&young, i)) {
-                    let counts = [&old, &young].map(|rows| rows.column(column::SIGHTINGS)[i]);
-                    let both = if unsure { spread_product(&a, &b, counts) } else { product(&a, &b) };
-                    // Ellipses without width have no product in doubles: the older one stands for both.
-                    let both = if both.is_usable() { both } else { a };
-                    rows.column(column::SIGHTINGS)[i] = counts[0] + counts[1];
-                    rows.column(column::MEAN_X)[i] = both.mean[0];
-                    rows.column(column::MEAN_Y)[i] = both.mean[1];
-                    rows.column(column::COV_XX)[i] = both.covariance.xx;
-                    rows.column(column::COV_XY)[i] = both.covariance.xy;
-                    rows.column(column::COV_YY)[i] = both.covariance.yy;
+                } else {
+                    fuse(&mut rows, i, [&old, &young], unsure);
                 }
             }
         });
@@ -129,7 +120,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn settle(&mut self, [older, younger]: [u32; 2], union: &Union) {
         let touched: Vec<bool> = union.moved.iter().zip(&union.fused).map(|(moved, fused)| *moved || *fused).collect();
         self.state.merger.united.insert(self.state.landmarks.birth(younger), self.state.landmarks.birth(older));
-        self.state.watch.merged(self.state.landmarks.birth(older));
+        self.state.diagnosis.watch.merged(self.state.landmarks.birth(older));
         if !self.is_fixed(older) {
             self.merge_existence([older, younger], &touched);
             if let Some(appearances) = &mut self.state.landmarks.appearances {
@@ -143,10 +134,7 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Takes a landmark out of the maps in which it went over into another.
     fn forget(&mut self, younger: u32, older: u32, touched: &[bool]) {
-        self.state.landmarks.update(younger, Some(touched), |mut rows| {
-            let count = rows.column(column::SIGHTINGS);
-            (0..touched.len()).filter(|i| touched[*i]).for_each(|i| count[i] = 0.0);
-        });
+        self.state.landmarks.clear_rows(younger, touched);
         if self.state.landmarks.holders(younger) == 0 {
             self.state.merger.rename(self.state.landmarks.birth(younger), self.state.landmarks.birth(older));
             self.state.landmarks.remove(younger);
@@ -197,6 +185,21 @@ impl<M: MeasurementModel> FastSlam<M> {
             (0..n).filter(|i| touched[*i]).for_each(|i| (present[i], log_odds[i]) = (0.0, 0.0));
         });
     }
+}
+
+/// Puts the product of two landmarks of one map into its row of the older one; spread where both may be beside the truth.
+fn fuse(rows: &mut RowsMut<'_>, i: usize, pair: [&Rows<'_>; 2], unsure: bool) {
+    let [Some(a), Some(b)] = pair.map(|rows| gaussian_in(rows, i)) else { return };
+    let counts = pair.map(|rows| rows.column(column::SIGHTINGS)[i]);
+    let both = if unsure { spread_product(&a, &b, counts) } else { product(&a, &b) };
+    // Ellipses without width have no product in doubles: the older one stands for both.
+    let both = if both.is_usable() { both } else { a };
+    rows.column(column::SIGHTINGS)[i] = counts[0] + counts[1];
+    rows.column(column::MEAN_X)[i] = both.mean[0];
+    rows.column(column::MEAN_Y)[i] = both.mean[1];
+    rows.column(column::COV_XX)[i] = both.covariance.xx;
+    rows.column(column::COV_XY)[i] = both.covariance.xy;
+    rows.column(column::COV_YY)[i] = both.covariance.yy;
 }
 
 /// Mean over the maps that hold a landmark, with its spread between and within them.

@@ -32,7 +32,7 @@ pub(crate) use beliefs::draw as draw_pose;
 
 pub use crate::association::Identities;
 pub use crate::sighting::{Seen, Sighting, Skipped, Taken};
-pub use crate::step_info::StepInfo;
+pub use crate::step_info::{LeftOut, MapChanges, NoiseInWindow, Sampling, StepInfo, Weighing};
 pub use estimate::{MapEstimate, MapLandmark};
 pub use given::GivenUse;
 pub use particles::{mixture, Particles, PoseEstimate};
@@ -66,7 +66,7 @@ const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;
 /// filter.predict([1.0, 0.1, 0.0], 0.1)?;
 /// let tree = Sighting::range_bearing(4.0, 0.3, Some(7));
 /// let info = filter.update(0.1, &[tree])?;
-/// assert_eq!((info.new_landmarks, filter.map().landmarks.len()), (1, 1));
+/// assert_eq!((info.changes.new_landmarks, filter.map().landmarks.len()), (1, 1));
 /// # Ok::<(), fastslam_core::error::Error>(())
 /// ```
 ///
@@ -171,9 +171,9 @@ impl<M: MeasurementModel> FastSlam<M> {
                     motion.sample(stream, PoseColumns { first_particle, x, y, heading });
                 });
             }
-            _ => self.state.pending = self.state.pending.then(&motion).checked(part)?,
+            _ => self.state.motions.pending = self.state.motions.pending.then(&motion).checked(part)?,
         }
-        self.state.motion_since_scan = self.state.motion_since_scan.then(&by_noise);
+        self.state.motions.since_scan = self.state.motions.since_scan.then(&by_noise);
         self.remember_motion(&motion);
         self.state.counters.controls += 1;
         Ok(())
@@ -189,7 +189,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.settings.config.association.check_classes(sightings)?;
         let mut info = StepInfo { step: self.state.counters.steps, ..StepInfo::default() };
         let mut rounds = std::mem::take(&mut self.work.rounds);
-        let used = self.fill_rounds(&mut rounds, sightings, &mut info.skipped);
+        let used = self.fill_rounds(&mut rounds, sightings, &mut info.left_out.skipped);
         let done = self.take_in(stamp_s, &mut rounds[..used], &mut info);
         self.work.rounds = rounds;
         done.map(|()| info)
@@ -207,21 +207,21 @@ impl<M: MeasurementModel> FastSlam<M> {
             rounds.iter_mut().for_each(|round| self.doubt_names(round, info));
         }
         info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
-        self.state.watch.begin(stamp_s, info.sightings);
+        self.state.diagnosis.watch.begin(stamp_s, info.sightings);
         let births_before = self.state.landmarks.births();
         // The names of a whole round may have been doubted.
-        info.sampled = !rounds.iter().all(|round| self.keeps_motion_pending(round));
+        info.sampling.sampled = !rounds.iter().all(|round| self.keeps_motion_pending(round));
         rounds.iter().try_for_each(|round| self.process(round, info))?;
         if self.settings.identities == Identities::All {
             self.see_identified(rounds, births_before);
         }
-        if info.sampled {
+        if info.sampling.sampled {
             let particles = &self.state.particles;
             self.state.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
             self.remember_step();
             if self.rejuvenation_is_due() {
-                info.rejuvenated |= self.rejuvenate();
-                info.merged += self.closed();
+                info.sampling.rejuvenated |= self.rejuvenate();
+                info.changes.merged += self.closed();
             }
         }
         info.landmarks = self.state.particles.landmarks[self.state.particles.best()];
@@ -286,8 +286,8 @@ impl<M: MeasurementModel> FastSlam<M> {
         match (self.settings.config.algorithm, self.settings.identities) {
             _ if self.keeps_motion_pending(scan) => {
                 let before = self.state.weights.log_mean;
-                info.effective_sample_size = self.weights_now()?;
-                info.log_likelihood += self.state.weights.log_mean - before;
+                info.weighing.effective_sample_size = self.weights_now()?;
+                info.weighing.log_likelihood += self.state.weights.log_mean - before;
                 self.estimate_beliefs();
                 Ok(())
             }
@@ -307,7 +307,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn keeps_motion_pending(&self, scan: &[scan::ScanSighting]) -> bool {
         self.settings.config.algorithm == Algorithm::Fastslam2
             && scan.is_empty()
-            && self.state.pending.covariance[2][2].sqrt() < LARGEST_LINEARISED_HEADING_STD_RAD
+            && self.state.motions.pending.covariance[2][2].sqrt() < LARGEST_LINEARISED_HEADING_STD_RAD
     }
 
     /// Normalises the weights and returns the effective sample size.
@@ -321,10 +321,10 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// The weights must have been normalised. Returns whether it resampled.
     fn resample_if_needed(&mut self, info: &mut StepInfo) -> bool {
         let count = self.state.particles.len();
-        info.effective_sample_size = self.state.weights.effective_sample_size;
+        info.weighing.effective_sample_size = self.state.weights.effective_sample_size;
         let settings = &self.settings.config.filter.resampling;
         // Without sightings the weights are what they were, but for rounding.
-        let low = settings.threshold >= 1.0 || info.effective_sample_size < settings.threshold * count as f64;
+        let low = settings.threshold >= 1.0 || info.weighing.effective_sample_size < settings.threshold * count as f64;
         if info.sightings == 0 || !low {
             return false;
         }
@@ -350,26 +350,25 @@ impl<M: MeasurementModel> FastSlam<M> {
         );
         self.work.log_likelihood.resize(enough, 0.0);
         self.resample_history();
-        info.resampled = true;
+        info.weighing.resampled = true;
         true
     }
 
     /// Gives the verdict on a step.
     fn judge_health(&mut self, stamp_s: f64, births_before: u64, info: &mut StepInfo) {
-        info.particles = self.state.particles.len() as u32;
-        info.matched = self.state.watch.matches() as u32;
-        if self.state.watch.noise.is_report_due() {
-            self.state.noise_report = self.state.watch.noise.of_window();
+        info.sampling.particles = self.state.particles.len() as u32;
+        info.matched = self.state.diagnosis.watch.matches() as u32;
+        if self.state.diagnosis.watch.noise.is_report_due() {
+            self.state.diagnosis.noise_report = self.state.diagnosis.watch.noise.of_window();
         }
         if info.sightings > 0 {
-            self.state.motion_since_scan = MotionByNoise::default();
+            self.state.motions.since_scan = MotionByNoise::default();
         }
-        (info.nis, info.nis_band) = (self.state.noise_report.nis, self.state.noise_report.band);
-        info.noise_warnings = self.state.noise_report.warnings;
+        info.noise = NoiseInWindow::from(&self.state.diagnosis.noise_report);
         let vitals = Vitals {
             stamp_s,
             particles: self.state.particles.len(),
-            effective_sample_size: info.effective_sample_size,
+            effective_sample_size: info.weighing.effective_sample_size,
             T_world_robot: self.state.estimate.mean,
             pose_covariance: self.state.estimate.covariance,
             births_before,
@@ -377,17 +376,17 @@ impl<M: MeasurementModel> FastSlam<M> {
             map_in_view: self.work.map_in_view.take(),
         };
         let model = &self.models.measurement;
-        info.health = self.state.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
+        info.health = self.state.diagnosis.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
     }
 
     /// What the innovations of the whole run say of the configured noise.
     pub fn noise_report(&self) -> NoiseReport {
-        self.state.watch.noise.of_run()
+        self.state.diagnosis.watch.noise.of_run()
     }
 
     /// Names that were seen at two places.
     pub fn two_places(&self) -> Vec<TwoPlaces> {
-        self.state.watch.names.two_places()
+        self.state.diagnosis.watch.names.two_places()
     }
 
     /// Mean and covariance of the pose, motion since the last sampling included.
@@ -407,7 +406,7 @@ impl<M: MeasurementModel> FastSlam<M> {
 
     /// Motion since the poses were last sampled (zero in FastSLAM 1.0).
     pub fn pending_motion(&self) -> MotionGaussian {
-        self.state.pending
+        self.state.motions.pending
     }
 
     /// The paths of the particles.

@@ -14,7 +14,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// Leaves out the sightings of a scan that name a landmark which no particle can have seen there, while the others
     /// fit; removes landmarks that were founded by such a sighting.
     pub(super) fn doubt_names(&mut self, scan: &mut Vec<ScanSighting>, info: &mut StepInfo) {
-        let gate = IMPLAUSIBLE * self.state.watch.noise.usual_excess();
+        let gate = IMPLAUSIBLE * self.state.diagnosis.watch.noise.usual_excess();
         let best = self.state.particles.best();
         let mut known = 0;
         let mut misfits: Vec<usize> = Vec::new();
@@ -25,14 +25,14 @@ impl<M: MeasurementModel> FastSlam<M> {
                 misfits.push(j);
             }
         }
-        if !self.state.watch.names.may_doubt(known, misfits.len()) {
+        if !self.state.diagnosis.watch.names.may_doubt(known, misfits.len()) {
             return;
         }
         for &j in misfits.iter().rev() {
             if self.doubt_name(&scan[j]) == Doubt::LeaveOut {
                 let value = scan.remove(j).measured.value;
                 self.work.seen.push(Seen { value, taken: Taken::Nothing });
-                info.ignored += 1;
+                info.left_out.ignored += 1;
             }
         }
     }
@@ -64,13 +64,13 @@ impl<M: MeasurementModel> FastSlam<M> {
         let held = self
             .held_by(best, slot)
             .map_or(NamedPlace::default(), |(landmark, sightings)| NamedPlace { position_m: landmark.mean, sightings });
-        let agrees = self.state.watch.names.other_place(identity).is_some_and(|mean| {
+        let agrees = self.state.diagnosis.watch.names.other_place(identity).is_some_and(|mean| {
             let landmark = Gaussian { mean, covariance: Symmetric2::default() };
             // As uncertain as one more sighting.
             let measured = Measured { noise: sighting.measured.noise.scaled(2.0), ..sighting.measured };
             belief.fit(model, T_robot_sensor, &landmark, &measured).mahalanobis_squared <= IMPLAUSIBLE
         });
-        let doubt = self.state.watch.names.doubt(&Misfit { identity, position_m, agrees, held });
+        let doubt = self.state.diagnosis.watch.names.doubt(&Misfit { identity, position_m, agrees, held });
         // No sighting founded a landmark of a given map.
         if self.state.given.of(self.state.landmarks.birth(slot)).is_some() {
             return Doubt::LeaveOut;
@@ -88,8 +88,8 @@ impl<M: MeasurementModel> FastSlam<M> {
         match self.settings.config.algorithm {
             Algorithm::Fastslam1 => Belief { mean: pose, covariance: [[0.0; 3]; 3] },
             _ => Belief {
-                mean: pose.compose(self.state.pending.mean),
-                covariance: self.state.pending.covariance_in_world(pose.heading),
+                mean: pose.compose(self.state.motions.pending.mean),
+                covariance: self.state.motions.pending.covariance_in_world(pose.heading),
             },
         }
     }

@@ -51,7 +51,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// The sizes with what a scan brings.
     fn sizes_with(&self, rounds: &[Vec<ScanSighting>]) -> Sizes {
         let Sizes { mut coarsest_m2, was_exceeded } = self.state.sizes;
-        let motion = &self.state.pending;
+        let motion = &self.state.motions.pending;
         let mut finest_m2 = f64::INFINITY;
         let mut is_ordinary = !was_exceeded && self.are_near() && motion.mean.x.hypot(motion.mean.y) <= FARTHEST_M;
         for sighting in rounds.iter().flatten() {
@@ -99,7 +99,12 @@ impl<M: MeasurementModel> FastSlam<M> {
         if !mean.iter().chain(estimate.covariance.as_flattened()).all(is_number) {
             return fault("the pose");
         }
-        if !weights.values.iter().chain([&info.log_likelihood, &info.effective_sample_size]).all(|w| w.is_finite()) {
+        if !weights
+            .values
+            .iter()
+            .chain([&info.weighing.log_likelihood, &info.weighing.effective_sample_size])
+            .all(|w| w.is_finite())
+        {
             return fault("a weight");
         }
         for slot in landmarks.live_slots() {

@@ -20,6 +20,7 @@ use crate::motion::MotionGaussian;
 use crate::random::{Purpose, Stream};
 use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Sampling, LANES};
 use crate::smoothing::{Closing, Graph, Known, Mode, Sights, Solution, Trajectory, NO_LANDMARK};
+use crate::store::RowsMut;
 use rustc_hash::{FxHashMap, FxHashSet};
 use std::cell::Cell;
 
@@ -127,23 +128,10 @@ impl<M: MeasurementModel> FastSlam<M> {
     fn start_anew(&mut self, rejuvenation: &Rejuvenation, work: &Cell<f64>) -> Option<(Trajectory, Vec<[u32; 2]>)> {
         let (history, best) = (&rejuvenation.history, self.state.particles.best());
         let means = self.means_of(best);
-        let mut seen = history.seen_by(best);
-        for sight in &mut seen {
-            sight.birth = self.state.merger.present_name(sight.birth, |birth| means.contains_key(&birth));
-        }
         let window = self.settings.config.filter.rejuvenation.window_steps.map_or(usize::MAX, |steps| steps as usize);
         let first_free = history.steps().saturating_sub(window);
-        let mut landmarks = by_landmark(&seen, |birth| means.contains_key(&birth));
-        landmarks.retain(|sights| sights.seen.last().is_some_and(|last| last.step as usize >= first_free));
-        self.put_given_first(&mut landmarks, &means);
-        let poses: Vec<Pose> = self.state.path.path(best).into_iter().map(|(_, pose)| pose).collect();
-        if poses.len() != history.steps() {
-            return None;
-        }
-        let drawn = (rejuvenation.count > 0).then(|| rejuvenation.last.saturating_sub(1));
-        // What is held must not be moved.
-        let drawn = drawn.filter(|step| *step >= first_free);
-        let trajectory = Trajectory::joined(self.start(), poses, drawn, history);
+        let landmarks = self.sights(rejuvenation, &means, first_free);
+        let trajectory = self.trajectory(rejuvenation, first_free)?;
         let mut graph = Graph {
             history,
             model: &self.models.measurement,
@@ -171,9 +159,40 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.unite([older, younger].map(|birth| means[birth].0));
         }
         if !merges.is_empty() {
-            self.state.watch.closed();
+            self.state.diagnosis.watch.closed();
         }
         Some((mode.solution.trajectory, merges))
+    }
+
+    /// The best particle's path, joined where the last draw ended; `None` where it lacks steps.
+    fn trajectory(&self, rejuvenation: &Rejuvenation, first_free: usize) -> Option<Trajectory> {
+        let path = self.state.path.path(self.state.particles.best());
+        let poses: Vec<Pose> = path.into_iter().map(|(_, pose)| pose).collect();
+        if poses.len() != rejuvenation.history.steps() {
+            return None;
+        }
+        let drawn = (rejuvenation.count > 0).then(|| rejuvenation.last.saturating_sub(1));
+        // What is held must not be moved.
+        let drawn = drawn.filter(|step| *step >= first_free);
+        Some(Trajectory::joined(self.start(), poses, drawn, &rejuvenation.history))
+    }
+
+    /// The landmarks of the best particle with its sightings of them, those of a given map first; only those seen in a
+    /// step that is drawn anew.
+    fn sights(
+        &self,
+        rejuvenation: &Rejuvenation,
+        means: &FxHashMap<u32, (u32, [f64; 2])>,
+        first_free: usize,
+    ) -> Vec<Sights> {
+        let mut seen = rejuvenation.history.seen_by(self.state.particles.best());
+        for sight in &mut seen {
+            sight.birth = self.state.merger.present_name(sight.birth, |birth| means.contains_key(&birth));
+        }
+        let mut landmarks = by_landmark(&seen, |birth| means.contains_key(&birth));
+        landmarks.retain(|sights| sights.seen.last().is_some_and(|last| last.step as usize >= first_free));
+        self.put_given_first(&mut landmarks, means);
+        landmarks
     }
 
     /// Puts the landmarks of a given map before the others, with what is known of them: those too that were not seen,
@@ -273,25 +292,28 @@ impl<M: MeasurementModel> FastSlam<M> {
             if sights.seen.is_empty() || matches!(sights.known, Known::Place(_)) {
                 continue;
             }
-            self.state.landmarks.update(slots[&sights.birth].0, None, |mut rows| {
-                let number = |g: &Gaussian, c: usize| match c {
-                    column::MEAN_X => g.mean[0],
-                    column::MEAN_Y => g.mean[1],
-                    column::COV_XX => g.covariance.xx,
-                    column::COV_XY => g.covariance.xy,
-                    _ => g.covariance.yy,
-                };
-                for c in [column::MEAN_X, column::MEAN_Y, column::COV_XX, column::COV_XY, column::COV_YY] {
-                    for (value, gaussian) in rows.column(c).iter_mut().zip(gaussians) {
-                        // A landmark at the sensor has no direction; it stays what it was.
-                        if gaussian.is_usable() {
-                            *value = number(gaussian, c);
-                        }
-                    }
-                }
-            });
+            self.state.landmarks.update(slots[&sights.birth].0, None, |rows| put(gaussians, rows));
         }
         self.restart_weights();
         self.estimate_beliefs();
+    }
+}
+
+/// Puts what was drawn of a landmark into its rows.
+fn put(gaussians: &[Gaussian], mut rows: RowsMut<'_>) {
+    let number = |g: &Gaussian, c: usize| match c {
+        column::MEAN_X => g.mean[0],
+        column::MEAN_Y => g.mean[1],
+        column::COV_XX => g.covariance.xx,
+        column::COV_XY => g.covariance.xy,
+        _ => g.covariance.yy,
+    };
+    for c in [column::MEAN_X, column::MEAN_Y, column::COV_XX, column::COV_XY, column::COV_YY] {
+        for (value, gaussian) in rows.column(c).iter_mut().zip(gaussians) {
+            // A landmark at the sensor has no direction; it stays what it was.
+            if gaussian.is_usable() {
+                *value = number(gaussian, c);
+            }
+        }
     }
 }

@@ -1,9 +1,10 @@
 //! Steps in which particles decide which landmark a sighting shows.
 
 use super::beliefs::{belief_in, set_belief_in};
+use super::existence;
 use super::extent::Extent;
 use super::scan_methods::explain;
-use super::work::Work;
+use super::work::{Claims, Work};
 use super::{FastSlam, Particles, StepInfo};
 use crate::association::{fast, CandidateTable, Decision, ParticleHypothesis};
 use crate::config::{Algorithm, ExistenceForm, MergingRule, Method};
@@ -24,26 +25,16 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// poses are samples already, and the beliefs about them have no spread.
     pub(super) fn step_associating(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> Result<()> {
         self.believe();
-        let mut table = std::mem::take(&mut self.work.associating.table);
-        self.find_candidates(scan, &mut table);
-        if self.leave_ambiguous_to_draws(&mut table, true) {
-            info.rejuvenated |= self.rejuvenate();
-            info.merged += self.closed();
-            self.believe();
-            self.find_candidates(scan, &mut table);
-            self.leave_ambiguous_to_draws(&mut table, false);
-        }
+        let table = self.candidates(scan, info);
         let mut decisions = std::mem::take(&mut self.work.associating.decisions);
         self.decide(scan, &table, &mut decisions, info);
         self.refuse_foundings(scan, &mut decisions);
         self.examine_decided(scan, &decisions, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
         let first_birth = self.state.landmarks.births();
+        self.work.correcting.first_birth = first_birth;
         self.work.correcting.founded.clear();
-        self.work.correcting.sighting_densities.clear();
-        if self.settings.config.association.existence.form == ExistenceForm::Bayes {
-            self.work.correcting.sighting_densities.resize(table.slots.len() * self.state.particles.len(), 0.0);
-        }
+        self.prepare_densities(table.slots.len());
         let (mut decided, mut births) =
             (std::mem::take(&mut self.work.associating.decided), std::mem::take(&mut self.work.correcting.births));
         births.clear();
@@ -56,8 +47,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.remember_decided(scan, &decisions, &table, &births);
         self.note_scan(scan, &decisions, &table, &births);
         self.count_given_decided(scan, &decisions, &table);
-        if self.judges_existence() && !scan.is_empty() {
-            self.judge_existence(&decisions, &table, first_birth, info);
+        if existence::is_judged(&self.settings, &self.state.landmarks) && !scan.is_empty() {
+            let claims = Claims { decisions: &decisions, table: &table };
+            let Work { correcting, judging, .. } = &mut self.work;
+            info.changes.removed += existence::judge(&self.settings, self.state.maps(), claims, correcting, judging);
         }
         if self.settings.config.association.merging.rule != MergingRule::Never && !scan.is_empty() {
             self.merge_duplicates(&decisions, &table, first_birth, info);
@@ -69,6 +62,20 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.work.correcting.births,
         ) = (table, decisions, decided, births);
         Ok(())
+    }
+
+    /// The landmarks that the scan may show, but for those that are left to draws of whole paths.
+    fn candidates(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> CandidateTable {
+        let mut table = std::mem::take(&mut self.work.associating.table);
+        self.find_candidates(scan, &mut table);
+        if self.leave_ambiguous_to_draws(&mut table, true) {
+            info.sampling.rejuvenated |= self.rejuvenate();
+            info.changes.merged += self.closed();
+            self.believe();
+            self.find_candidates(scan, &mut table);
+            self.leave_ambiguous_to_draws(&mut table, false);
+        }
+        table
     }
 
     /// Takes note of what the best particle made of a scan; where paths are drawn by need, for these too.
@@ -178,7 +185,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let Particles { x, y, heading, .. } = &self.state.particles;
         match self.settings.config.algorithm {
             Algorithm::Fastslam1 => self.work.beliefs.certain(x, y, heading),
-            _ => self.work.beliefs.predict(x, y, heading, &self.state.pending),
+            _ => self.work.beliefs.predict(x, y, heading, &self.state.motions.pending),
         }
     }
 
@@ -188,7 +195,7 @@ impl<M: MeasurementModel> FastSlam<M> {
     pub(super) fn weigh_resample_sample(&mut self, decisions: &mut Vec<Decision>, info: &mut StepInfo) -> Result<()> {
         let before = self.state.weights.log_mean;
         self.weights_now()?;
-        info.log_likelihood += self.state.weights.log_mean - before;
+        info.weighing.log_likelihood += self.state.weights.log_mean - before;
         self.estimate_from_beliefs();
         if self.resample_if_needed(info) {
             self.restart_weights();
@@ -212,7 +219,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             let Particles { x, y, heading, .. } = &mut self.state.particles;
             let (beliefs, whole) = (&self.work.beliefs, [x, y, heading].map(Vec::as_mut_slice));
             self.workers.share(whole, PART, &|first, poses| beliefs.sample(stream, first, poses));
-            self.state.pending = MotionGaussian::default();
+            self.state.motions.pending = MotionGaussian::default();
         }
         self.state.counters.samplings += 1;
     }
@@ -287,10 +294,10 @@ impl<M: MeasurementModel> FastSlam<M> {
         if mask.contains(&true) {
             let slot = self.create_where(&mask, sighting);
             self.work.correcting.founded.push((j, slot));
-            info.new_landmarks += 1;
+            info.changes.new_landmarks += 1;
         }
         self.work.correcting.mask = mask;
-        info.ignored += u32::from(decided[self.state.particles.best()] == Decision::Ignored.number());
+        info.left_out.ignored += u32::from(decided[self.state.particles.best()] == Decision::Ignored.number());
     }
 
     /// Corrects a landmark in the maps that `mask` marks; returns in how many it had to be repaired.
@@ -328,6 +335,14 @@ impl<M: MeasurementModel> FastSlam<M> {
         repaired.into_inner()
     }
 
+    /// Makes room for how likely the sightings of so many candidates are, where existence follows Bayes' rule.
+    fn prepare_densities(&mut self, candidates: usize) {
+        self.work.correcting.sighting_densities.clear();
+        if self.settings.config.association.existence.form == ExistenceForm::Bayes {
+            self.work.correcting.sighting_densities.resize(candidates * self.state.particles.len(), 0.0);
+        }
+    }
+
     /// Notes how likely the sighting of a candidate was, where existence follows Bayes' rule.
     fn note_densities(&mut self, mask: &[bool], candidate: u32) {
         if self.settings.config.association.existence.form == ExistenceForm::Bayes {
@@ -353,7 +368,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             let marks = &mut self.work.correcting.rows[column::IDENTITY * mask.len()..];
             marks.iter_mut().zip(mask).filter(|(_, new)| **new).for_each(|(mark, _)| *mark = f64::from(identity) + 1.0);
         }
-        let log_odds = self.initial_log_odds();
+        let log_odds = existence::initial_log_odds(&self.settings);
         let slot = self.state.landmarks.insert(sighting.identity, &self.work.correcting.rows, log_odds);
         if let Some(appearances) = &mut self.state.landmarks.appearances {
             appearances.learn(slot, mask, sighting.appearance);

@@ -1,5 +1,6 @@
 //! The methods of association, and what speaks for a landmark beside its place.
 
+use super::existence::add_detection_odds;
 use super::scan::ScanSighting;
 use super::FastSlam;
 use crate::association::{
@@ -38,7 +39,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         let mut fits = std::mem::take(&mut self.work.associating.fits);
         fits.add_evidence(table, |j, candidate, evidence| {
             let slot = table.slots[candidate as usize];
-            self.add_detection_odds(slot, evidence);
+            add_detection_odds(&self.settings, &mut self.state.landmarks, slot, evidence);
             if let Some(appearances) = &mut self.state.landmarks.appearances {
                 appearances.add_evidence(slot, scan[j].appearance, evidence);
             }

@@ -25,22 +25,33 @@ pub(super) struct State {
     pub path: PathForest,
     /// What is remembered to draw paths anew; only when that is configured.
     pub rejuvenation: Option<Rejuvenation>,
-    /// Motion since the last sampling of the poses, the same for all particles (FastSLAM 2.0).
-    pub pending: MotionGaussian,
-    /// Motion since the last scan, for the noise check.
-    pub motion_since_scan: MotionByNoise,
+    pub motions: Motions,
     pub counters: Counters,
     pub merger: Merger,
     /// Whether the numbers so far are of ordinary size.
     pub sizes: Sizes,
-    /// Whether all this can be believed.
-    pub watch: Watch,
-    /// What the sliding window said of the noise when it was last looked at.
-    pub noise_report: NoiseReport,
+    pub diagnosis: Diagnosis,
     pub estimate: PoseEstimate,
     /// What the filter began with; behind the others in a snapshot, which older formats did not have.
     #[serde(skip)]
     pub given: Given,
+}
+
+/// Motion that the poses on the path do not know of yet.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(super) struct Motions {
+    /// Since the last sampling of the poses, the same for all particles (FastSLAM 2.0).
+    pub pending: MotionGaussian,
+    /// Since the last scan, for the noise check.
+    pub since_scan: MotionByNoise,
+}
+
+/// Whether all this can be believed.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct Diagnosis {
+    pub watch: Watch,
+    /// What the sliding window said of the noise when it was last looked at.
+    pub noise_report: NoiseReport,
 }
 
 /// How large the numbers are that the steps so far have put into the state.
@@ -88,7 +99,36 @@ impl Rejuvenation {
     }
 }
 
+/// The maps of all particles, and what decides what may happen to their landmarks.
+pub(super) struct Maps<'a> {
+    pub particles: &'a mut Particles,
+    pub landmarks: &'a mut Landmarks,
+    pub given: &'a Given,
+}
+
+impl Maps<'_> {
+    /// Whether nothing may change the landmark of a slot.
+    pub fn is_fixed(&self, slot: u32) -> bool {
+        !self.given.landmarks.is_empty() && self.given.is_fixed(self.landmarks.birth(slot))
+    }
+
+    /// Takes a landmark out of the maps that `mask` marks, which hold it.
+    pub fn lose(&mut self, slot: u32, mask: &[bool]) {
+        self.landmarks.clear_rows(slot, mask);
+        let counts = self.particles.landmarks.iter_mut().zip(mask);
+        counts.for_each(|(count, lost)| *count -= u32::from(*lost));
+        if self.landmarks.holders(slot) == 0 {
+            self.landmarks.remove(slot);
+        }
+    }
+}
+
 impl State {
+    /// The maps with what decides about them.
+    pub fn maps(&mut self) -> Maps<'_> {
+        Maps { particles: &mut self.particles, landmarks: &mut self.landmarks, given: &self.given }
+    }
+
     /// At the configured initial pose, with these maps.
     pub fn new(config: &Config, identities: Identities, landmarks: Landmarks) -> Self {
         let (start, particles) = (config.initial_pose.T_world_robot(), config.filter.particles as usize);
@@ -98,13 +138,14 @@ impl State {
             landmarks,
             path: PathForest::new(particles),
             rejuvenation: Rejuvenation::of(config, identities),
-            pending: MotionGaussian::default(),
-            motion_since_scan: MotionByNoise::default(),
+            motions: Motions::default(),
             counters: Counters::default(),
             merger: Merger::default(),
             sizes: Sizes::default(),
-            watch: Watch::new(config.health, View::of(config)),
-            noise_report: NoiseReport::default(),
+            diagnosis: Diagnosis {
+                watch: Watch::new(config.health, View::of(config)),
+                noise_report: NoiseReport::default(),
+            },
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             given: Given::default(),
         }

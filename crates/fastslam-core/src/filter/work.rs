@@ -48,6 +48,13 @@ pub(super) struct Associating {
     pub decided: Vec<u32>,
 }
 
+/// What every particle claims that a scan shows: decisions, an equal share each, about the candidates of a table.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Claims<'a> {
+    pub decisions: &'a [Decision],
+    pub table: &'a CandidateTable,
+}
+
 /// What correcting and creating landmarks needs.
 #[derive(Default)]
 pub(super) struct Correcting {
@@ -58,6 +65,8 @@ pub(super) struct Correcting {
     pub rows: Vec<f64>,
     /// Landmarks that there were before each sighting of the scan.
     pub births: Vec<u64>,
+    /// Landmarks that there were before the scan.
+    pub first_birth: u64,
     /// Sightings of the scan that founded a landmark in some map, with its slot.
     pub founded: Vec<(usize, u32)>,
     /// Log-likelihood of the scan's sighting of every candidate in every map; only where existence follows Bayes' rule.

@@ -11,7 +11,7 @@ use crate::gaussian::Gaussian;
 use crate::geometry::{Matrix3, Pose, Symmetric2};
 use crate::math;
 use crate::normal::{Cholesky, Matrix, Normal};
-use crate::random::Purpose;
+use crate::random::{Purpose, Stream};
 
 /// Steps between two draws at least, where the configuration does not say.
 const EVERY_STEPS: u32 = 10;
@@ -72,54 +72,20 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// ([`Gauge`]) no later sighting can tell, so the draws do not differ in that. They come in pairs about the mode, whose
     /// mean is the mode.
     fn draws_about(&mut self, mode: &Mode) -> Option<Draws> {
-        let Solution { poses, landmarks, calibration } = &mode.solution;
-        let free = self.prior.free();
+        let Solution { poses, landmarks, .. } = &mode.solution;
+        let (last, free) = (poses[poses.len() - 1], self.prior.free());
         let border = 3 * poses.len();
-        let count = 3 + 2 * landmarks.len() + free.len();
         let variables: Vec<usize> = (border - 3..border + 2 * landmarks.len() + free.len()).collect();
         let mut covariance = mode.factor.covariance(&variables);
-        let last = poses[poses.len() - 1];
         let marginal = std::array::from_fn(|a| std::array::from_fn(|b| covariance[a][b]));
-        let mut given_path = Vec::new();
-        for (k, information) in mode.information.iter().enumerate() {
-            let own = Cholesky::of(information)?.inverse();
-            let of = |a: usize, b: usize| covariance[3 + 2 * k + a][3 + 2 * k + b];
-            let cross = [0, 1].map(|a| [0, 1, 2].map(|b| covariance[3 + 2 * k + a][b]));
-            let relative = given_pose([[of(0, 0), of(0, 1)], [of(1, 0), of(1, 1)]], &cross, &marginal);
-            let relative = Normal { mean: landmarks[k], covariance: relative };
-            Place::One(Gaussian::from(relative)).placed([last.x, last.y])?;
-            given_path.push(Symmetric2::new(own[0][0], own[0][1], own[1][1]));
-            for (a, row) in own.iter().enumerate() {
-                for (b, value) in row.iter().enumerate() {
-                    covariance[3 + 2 * k + a][3 + 2 * k + b] -= value;
-                }
-            }
-        }
+        let given_path = (0..landmarks.len()).map(|k| take_out_own(mode, k, &marginal, &mut covariance));
+        let given_path = given_path.collect::<Option<Vec<Symmetric2>>>()?;
         let gauge = Gauge::of(last, landmarks, &covariance);
-        let root = root(covariance)?;
+        let about = Laplace { mode: &mode.solution, given_path, root: root(covariance)?, gauge: &gauge, free };
         let stream = self.random.stream(Purpose::Rejuvenation, self.state.counters.draws);
         let spread = self.config.filter.rejuvenation.spread;
-        let one = |particle: usize| {
-            let (two, sign) = ((particle / 2) as u32, if particle.is_multiple_of(2) { spread } else { -spread });
-            let pairs = (0..count.div_ceil(2)).flat_map(|pair| stream.normal_pair(two, pair as u32));
-            let normal: Vec<f64> = pairs.map(|n| sign * n).collect();
-            let mut off: Vec<f64> = root.iter().map(|row| row.iter().zip(&normal).map(|(l, n)| l * n).sum()).collect();
-            gauge.take_out(last, landmarks, &mut off);
-            let pose = Pose::new(last.x + off[0], last.y + off[1], math::wrap_angle(last.heading + off[2]));
-            let landmark = |k: usize| Gaussian {
-                mean: std::array::from_fn(|d| landmarks[k][d] + off[3 + 2 * k + d]),
-                covariance: given_path[k],
-            };
-            let mut drawn = *calibration;
-            for (parameter, d) in free.iter().zip(&off[3 + 2 * landmarks.len()..]) {
-                match parameter {
-                    0 => drawn.scale += d,
-                    _ => drawn.bias += d,
-                }
-            }
-            (pose, (0..landmarks.len()).map(landmark).collect(), drawn)
-        };
-        let draws: Vec<Draw> = (0..self.state.cloud.particles.len()).map(one).collect();
+        let draws: Vec<Draw> =
+            (0..self.state.cloud.particles.len()).map(|particle| about.draw(stream, particle, spread)).collect();
         let sound = |(pose, map, drawn): &Draw| {
             pose.is_finite() && map.iter().all(Gaussian::is_usable) && drawn.scale > 0.0 && drawn.bias.is_finite()
         };
@@ -191,6 +157,62 @@ struct Draws {
     /// Covariance of the newest pose.
     marginal: Matrix3,
     gauge: Gauge,
+}
+
+/// Newest pose, placed landmarks and calibration as all draws lie about them.
+struct Laplace<'a> {
+    mode: &'a Solution,
+    /// Covariance of every landmark where the path is known.
+    given_path: Vec<Symmetric2>,
+    /// A root of the covariance of all that is drawn: the pose, then the landmarks' means, then the calibration.
+    root: Vec<Vec<f64>>,
+    gauge: &'a Gauge,
+    /// Parameters of the calibration that are drawn.
+    free: &'a [usize],
+}
+
+impl Laplace<'_> {
+    /// The draw of one particle; the odd ones mirror those before them.
+    fn draw(&self, stream: Stream, particle: usize, spread: f64) -> Draw {
+        let Solution { poses, landmarks, calibration } = self.mode;
+        let (last, count) = (poses[poses.len() - 1], self.root.len());
+        let (two, sign) = ((particle / 2) as u32, if particle.is_multiple_of(2) { spread } else { -spread });
+        let pairs = (0..count.div_ceil(2)).flat_map(|pair| stream.normal_pair(two, pair as u32));
+        let normal: Vec<f64> = pairs.map(|n| sign * n).collect();
+        let mut off: Vec<f64> = self.root.iter().map(|row| row.iter().zip(&normal).map(|(l, n)| l * n).sum()).collect();
+        self.gauge.take_out(last, landmarks, &mut off);
+        let pose = Pose::new(last.x + off[0], last.y + off[1], math::wrap_angle(last.heading + off[2]));
+        let landmark = |k: usize| Gaussian {
+            mean: std::array::from_fn(|d| landmarks[k][d] + off[3 + 2 * k + d]),
+            covariance: self.given_path[k],
+        };
+        let mut drawn = *calibration;
+        for (parameter, d) in self.free.iter().zip(&off[3 + 2 * landmarks.len()..]) {
+            match parameter {
+                0 => drawn.scale += d,
+                _ => drawn.bias += d,
+            }
+        }
+        (pose, (0..landmarks.len()).map(landmark).collect(), drawn)
+    }
+}
+
+/// Takes the covariance Λ⁻¹ that landmark `k` has where the path is known out of that of all that is drawn, and returns
+/// it; `None` unless the landmark is placed where the newest pose, of covariance `pose`, is known.
+fn take_out_own(mode: &Mode, k: usize, pose: &Matrix3, covariance: &mut [Vec<f64>]) -> Option<Symmetric2> {
+    let Solution { poses, landmarks, .. } = &mode.solution;
+    let (last, first) = (poses[poses.len() - 1], 3 + 2 * k);
+    let own = Cholesky::of(&mode.information[k])?.inverse();
+    let marginal = [0, 1].map(|a| [0, 1].map(|b| covariance[first + a][first + b]));
+    let cross = [0, 1].map(|a| [0, 1, 2].map(|b| covariance[first + a][b]));
+    let relative = Normal { mean: landmarks[k], covariance: given_pose(marginal, &cross, pose) };
+    Place::One(Gaussian::from(relative)).placed([last.x, last.y])?;
+    for (a, row) in own.iter().enumerate() {
+        for (b, value) in row.iter().enumerate() {
+            covariance[first + a][first + b] -= value;
+        }
+    }
+    Some(Symmetric2::new(own[0][0], own[0][1], own[1][1]))
 }
 
 /// The covariance of a landmark where the newest pose is known.

@@ -31,8 +31,13 @@ pub(super) struct Prior {
 
 impl Prior {
     /// Which of scale and bias are unknown.
-    pub fn free(&self) -> Vec<usize> {
-        (0..2).filter(|p| self.std[*p] > 0.0).collect()
+    pub fn free(&self) -> &'static [usize] {
+        match self.std.map(|std| std > 0.0) {
+            [true, true] => &[0, 1],
+            [true, false] => &[0],
+            [false, true] => &[1],
+            [false, false] => &[],
+        }
     }
 }
 
@@ -171,6 +176,7 @@ impl<S: ?Sized> Graph<'_, S> {
         System { matrix, descent: vec![0.0; size], information: vec![[[0.0; 2]; 2]; landmarks] }
     }
 
+    /// The normal equations about a solution: what motions, sightings and the calibration's prior say.
     fn linearize<const Z: usize>(
         &self,
         solution: &Solution,
@@ -180,6 +186,19 @@ impl<S: ?Sized> Graph<'_, S> {
         system.matrix.values.fill(0.0);
         system.descent.fill(0.0);
         system.information.fill([[0.0; 2]; 2]);
+        self.add_motions(solution, system);
+        for (one, look) in seen.iter().zip(looks) {
+            self.add_sighting(solution, one, look, system);
+        }
+        for (place, parameter) in self.prior.free().iter().enumerate() {
+            let column = self.first_parameter(solution) + place;
+            let weight = self.prior.std[*parameter].powi(-2);
+            system.add(&[column], &[[1.0]], &[[weight]], &[-self.off_prior(solution)[*parameter]]);
+        }
+    }
+
+    /// Motions tie each pose to the one before it, the first to the start.
+    fn add_motions(&self, solution: &Solution, system: &mut System) {
         for (step, motion) in self.past.motions.iter().enumerate() {
             let before = step.checked_sub(1).map_or(self.start, |before| solution.poses[before]);
             let (residual, by_before, by_after) = motion_residual(before, solution.poses[step], motion.mean);
@@ -196,40 +215,38 @@ impl<S: ?Sized> Graph<'_, S> {
                 system.add(&own, &by_after, &weight, &pulled);
             }
         }
-        let border = 3 * self.past.steps();
+    }
+
+    /// A sighting ties a pose to a landmark, and both to the calibration where that is free.
+    fn add_sighting<const Z: usize>(&self, solution: &Solution, one: &Seen<Z>, look: &Look<Z>, system: &mut System) {
+        let Some((weight, _)) = self.weighed(one, look) else { return };
+        let by_pose = self.by_pose(solution, one, look);
+        let own = 3 * self.past.steps() + 2 * one.landmark;
+        let mut variables = [3 * one.step, 3 * one.step + 1, 3 * one.step + 2, own, own + 1, 0, 0];
+        let mut by: Matrix<Z, 7> = std::array::from_fn(|z| {
+            std::array::from_fn(|c| match c {
+                0..3 => by_pose[z][c],
+                3..5 => look.by_landmark[z][c - 3],
+                _ => 0.0,
+            })
+        });
         let free = self.prior.free();
-        for (one, look) in seen.iter().zip(looks) {
-            let Some((weight, _)) = self.weighed(one, look) else { continue };
-            let by_pose = self.by_pose(solution, one, look);
-            let own = border + 2 * one.landmark;
-            let mut variables = [3 * one.step, 3 * one.step + 1, 3 * one.step + 2, own, own + 1, 0, 0];
-            let mut by: Matrix<Z, 7> = std::array::from_fn(|z| {
-                std::array::from_fn(|c| match c {
-                    0..3 => by_pose[z][c],
-                    3..5 => look.by_landmark[z][c - 3],
-                    _ => 0.0,
-                })
-            });
-            for (place, parameter) in free.iter().enumerate() {
-                variables[5 + place] = border + 2 * solution.landmarks.len() + place;
-                by[0][5 + place] = if *parameter == 0 { look.by_scale } else { 1.0 };
-            }
-            let used = 5 + free.len();
-            system.add(&variables[..used], &by, &weight, &look.innovation);
-            let own: Matrix<2, 2> = {
-                let weighted = product(&weight, &look.by_landmark);
-                std::array::from_fn(|a| {
-                    std::array::from_fn(|b| (0..Z).map(|z| look.by_landmark[z][a] * weighted[z][b]).sum())
-                })
-            };
-            let information = &mut system.information[one.landmark];
-            *information = crate::normal::sum(information, &own);
-        }
         for (place, parameter) in free.iter().enumerate() {
-            let column = border + 2 * solution.landmarks.len() + place;
-            let weight = self.prior.std[*parameter].powi(-2);
-            system.add(&[column], &[[1.0]], &[[weight]], &[-self.off_prior(solution)[*parameter]]);
+            variables[5 + place] = self.first_parameter(solution) + place;
+            by[0][5 + place] = if *parameter == 0 { look.by_scale } else { 1.0 };
         }
+        system.add(&variables[..5 + free.len()], &by, &weight, &look.innovation);
+        let weighted = product(&weight, &look.by_landmark);
+        let own: Matrix<2, 2> = std::array::from_fn(|a| {
+            std::array::from_fn(|b| (0..Z).map(|z| look.by_landmark[z][a] * weighted[z][b]).sum())
+        });
+        let information = &mut system.information[one.landmark];
+        *information = crate::normal::sum(information, &own);
+    }
+
+    /// The first variable of the calibration, behind those of poses and landmarks.
+    fn first_parameter(&self, solution: &Solution) -> usize {
+        3 * self.past.steps() + 2 * solution.landmarks.len()
     }
 
     /// How far the calibration is from what is known of it.
@@ -292,7 +309,7 @@ impl<S: ?Sized> Graph<'_, S> {
         for (landmark, d) in moved.landmarks.iter_mut().zip(landmarks.chunks_exact(2)) {
             *landmark = [landmark[0] + d[0], landmark[1] + d[1]];
         }
-        for (parameter, d) in self.prior.free().into_iter().zip(calibration) {
+        for (parameter, d) in self.prior.free().iter().zip(calibration) {
             match parameter {
                 0 => moved.calibration.scale += d,
                 _ => moved.calibration.bias += d,

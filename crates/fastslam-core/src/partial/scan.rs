@@ -10,7 +10,7 @@ use crate::config::Algorithm;
 use crate::diagnosis::health::Vitals;
 use crate::diagnosis::innovations::PredictedScan;
 use crate::error::Result;
-use crate::filter::{mixture, StepInfo};
+use crate::filter::{mixture, NoiseInWindow, StepInfo};
 use crate::gaussian::Gaussian;
 use crate::geometry::{moved_by, Pose};
 use crate::limits::{LEAST, LONGEST_M};
@@ -37,13 +37,13 @@ struct Named<const Z: usize> {
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     pub(super) fn take_in(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         let mut info = StepInfo { step: self.state.counters.steps, ..StepInfo::default() };
-        let rounds = self.rounds(sightings, &mut info.skipped);
+        let rounds = self.rounds(sightings, &mut info.left_out.skipped);
         info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
         let births_before = self.state.cloud.names.len() as u64;
         self.state.watch.begin(stamp_s, info.sightings);
         let pending_std = self.state.cloud.pending.covariance[2][2].sqrt();
-        info.sampled = info.sightings > 0 || pending_std >= LARGEST_LINEARISED_HEADING_STD_RAD;
-        if info.sampled {
+        info.sampling.sampled = info.sightings > 0 || pending_std >= LARGEST_LINEARISED_HEADING_STD_RAD;
+        if info.sampling.sampled {
             let (motion, mut ancestors) = (self.state.cloud.pending, None);
             for round in &rounds {
                 self.process(round, &mut ancestors, &mut info)?;
@@ -55,10 +55,11 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             self.state.path.extend(stamp_s, &self.workers, |i| particles.pose(i));
             self.state.past.step_done(motion);
             if self.draw_is_due_after(0) {
-                info.rejuvenated = self.draw_anew()?;
+                info.sampling.rejuvenated = self.draw_anew()?;
             }
         } else {
-            info.effective_sample_size = 1.0 / self.state.cloud.weights.values.iter().map(|w| w * w).sum::<f64>();
+            info.weighing.effective_sample_size =
+                1.0 / self.state.cloud.weights.values.iter().map(|w| w * w).sum::<f64>();
             let beliefs = self.beliefs();
             self.estimate_beliefs(&beliefs);
         }
@@ -146,7 +147,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let weighed = self.correct(&known)?;
         for one in &new {
             self.give_birth(one)?;
-            info.new_landmarks += 1;
+            info.changes.new_landmarks += 1;
         }
         for one in &heard {
             self.state.past.heard(one);
@@ -155,7 +156,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         if weighed {
             let before = self.state.cloud.weights.log_mean;
             self.weights_now()?;
-            info.log_likelihood += self.state.cloud.weights.log_mean - before;
+            info.weighing.log_likelihood += self.state.cloud.weights.log_mean - before;
             self.estimate_particles();
         }
         Ok(())
@@ -202,8 +203,8 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     fn estimate_weighed(&mut self, beliefs: &[Belief], info: &mut StepInfo) -> Result<()> {
         let before = self.state.cloud.weights.log_mean;
         self.weights_now()?;
-        info.log_likelihood += self.state.cloud.weights.log_mean - before;
-        info.effective_sample_size = self.state.cloud.weights.effective_sample_size;
+        info.weighing.log_likelihood += self.state.cloud.weights.log_mean - before;
+        info.weighing.effective_sample_size = self.state.cloud.weights.effective_sample_size;
         self.estimate_beliefs(beliefs);
         Ok(())
     }
@@ -283,7 +284,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     fn resampled(&mut self, info: &mut StepInfo) -> Option<Vec<u32>> {
         let settings = &self.config.filter.resampling;
         let count = self.state.cloud.particles.len();
-        let low = settings.threshold >= 1.0 || info.effective_sample_size < settings.threshold * count as f64;
+        let low = settings.threshold >= 1.0 || info.weighing.effective_sample_size < settings.threshold * count as f64;
         if info.sightings == 0 || !low {
             return None;
         }
@@ -291,7 +292,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let mut drawn = Vec::new();
         resample(settings.scheme, &self.state.cloud.weights.values, count, stream, &mut drawn);
         self.state.cloud.resample(&drawn);
-        info.resampled = true;
+        info.weighing.resampled = true;
         Some(drawn)
     }
 
@@ -359,7 +360,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let vitals = Vitals {
             stamp_s,
             particles,
-            effective_sample_size: info.effective_sample_size,
+            effective_sample_size: info.weighing.effective_sample_size,
             T_world_robot: cloud.estimate.mean,
             pose_covariance: cloud.estimate.covariance,
             births_before,
@@ -367,12 +368,11 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             map_in_view: None,
         };
         let watch = &mut self.state.watch;
-        (info.particles, info.matched) = (particles as u32, watch.matches() as u32);
+        (info.sampling.particles, info.matched) = (particles as u32, watch.matches() as u32);
         if watch.noise.is_report_due() {
             self.state.noise_report = watch.noise.of_window();
         }
-        let report = &self.state.noise_report;
-        (info.nis, info.nis_band, info.noise_warnings) = (report.nis, report.band, report.warnings);
+        info.noise = NoiseInWindow::from(&self.state.noise_report);
         // The watch was told where the landmarks are, not what was measured.
         info.health = watch.judge(&vitals, |_, place| place);
     }

@@ -130,8 +130,8 @@ impl Stream {
         let motion = self.filter.pending_motion().mean;
         let info = self.filter.update(stamp_s, sightings)?;
         self.since = MotionGaussian::default();
-        self.tally.path_steps.push(PathStep { stamp_s, motion, sampled: info.sampled });
-        self.tally.skipped.add(&info.skipped);
+        self.tally.path_steps.push(PathStep { stamp_s, motion, sampled: info.sampling.sampled });
+        self.tally.skipped.add(&info.left_out.skipped);
         self.tally.repaired += u64::from(info.repaired);
         Ok(StepRecord { stamp_s, pose: self.filter.pose(), info, latency_s: 0.0 })
     }
