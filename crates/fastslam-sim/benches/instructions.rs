@@ -1,7 +1,7 @@
 //! Instructions per particle and sighting of the inner loops, counted by valgrind: the same on a busy machine as on an
 //! idle one.
 //!
-//! `cargo bench -p fastslam-core --bench instructions [-- --bless]` compares with `benches/instructions.json` and fails
+//! `cargo bench -p fastslam-sim --bench instructions [-- --bless]` compares with `benches/instructions.json` and fails
 //! when a count has grown by more than the tolerance; `--bless` writes the file anew. It is skipped, with the reason,
 //! where valgrind is missing or offers other vector units than those of the file. What is not measured: time, caches.
 
