@@ -31,7 +31,7 @@ demo: setup ## simulate a world, run the filter, print the numbers and where the
 test: setup test-rust test-python ## run every test, Rust and Python
 
 test-rust:
-	cargo test $(CRATES)
+	cargo test $(CRATES) $(CARGO_TEST_FLAGS)
 
 test-python: setup
 	$(IN_VENV) $(BIN)/python -m pytest -n 2 --dist worksteal
