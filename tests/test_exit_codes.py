@@ -103,6 +103,8 @@ class Interrupter:
         if len(self.looked_for) == self.number:
             os.kill(os.getpid(), _signal.SIGINT)
 
+# A shell's background jobs begin with this signal ignored.
+_signal.signal(_signal.SIGINT, _signal.default_int_handler)
 sys.meta_path.insert(0, Interrupter())
 from fastslam._entry import main
 try:
