@@ -112,7 +112,7 @@ def test_files_of_this_format_are_read_and_older_ones_refused_with_the_reason(ki
         assert len(expected["landmarks_m"]) == 8 and robot.landmarks.ids[0] == "oak"
         _fed(robot, 9, 12)
         read += 1
-    assert read == 2
+    assert read == 3
 
 
 def _log() -> Log:
@@ -202,7 +202,7 @@ from pathlib import Path
 import fastslam, numpy
 from fastslam.checkpoint import Checkpoints
 from fastslam.datasets import load
-config = {"filter": {"particles": 150}, "association": {"mode": "unknown"}, "seed": 6}
+config = {"filter": {"particles": 1000}, "association": {"mode": "unknown"}, "seed": 6}
 checkpoints = Checkpoints(Path(sys.argv[2]), every_s=0.05, resume=True)
 result = fastslam.run(load(sys.argv[1]), config, checkpoints=checkpoints)
 numpy.savez(sys.argv[3], live=result.trajectory.T_world_robot, map=result.landmarks.mean_m)

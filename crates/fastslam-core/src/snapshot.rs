@@ -14,9 +14,13 @@ use serde_json::Value;
 /// What every snapshot begins with.
 const MAGIC: [u8; 8] = *b"fastslam";
 /// Layout of what is stored. It goes up whenever a stored type changes; a stored file in the tests tells when.
-pub const FORMAT: u32 = 3;
-/// The oldest format that is still read: one without given maps.
+pub const FORMAT: u32 = FADING;
+/// The oldest format that is still read.
 const OLDEST_FORMAT: u32 = 2;
+/// The first format with what a filter was given to begin with behind its state.
+pub(crate) const GIVEN_MAPS: u32 = 3;
+/// The first format with what makes landmarks fade behind that.
+pub(crate) const FADING: u32 = 4;
 /// Magic, format, length of the content, checksum of the content.
 const PREAMBLE: usize = MAGIC.len() + 4 + 8 + 4;
 
@@ -182,15 +186,15 @@ fn unsealed(bytes: &[u8]) -> Result<(Head, Stored<'_>)> {
     }
     let (head, bytes) =
         postcard::take_from_bytes(stored).map_err(|e| refused(&format!("its head cannot be read ({e})")))?;
-    Ok((head, Stored { bytes, knows_given_maps: format > 2 }))
+    Ok((head, Stored { bytes, format: format as u32 }))
 }
 
 /// What follows the head.
 #[derive(Debug)]
 pub(crate) struct Stored<'a> {
     bytes: &'a [u8],
-    /// Whether what a filter was given to begin with is stored behind its state.
-    pub knows_given_maps: bool,
+    /// How it is laid out.
+    pub format: u32,
 }
 
 /// What was stored.
@@ -237,7 +241,7 @@ mod tests {
         assert!(message(b"PK").contains("no snapshot of fastslam"));
         let mut newer = sealed();
         newer[8] += 1;
-        assert!(message(&newer).contains("a newer format, 4; this version reads 2 to 3"));
+        assert!(message(&newer).contains("a newer format, 5; this version reads 2 to 4"));
         assert!(message(&sealed()[..99]).contains("cut off"));
         let of_a_run = seal(&Head::of_run(&Config::default(), Identities::All).unwrap(), &0).unwrap();
         assert!(message(&of_a_run).contains("of a run"));

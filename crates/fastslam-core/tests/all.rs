@@ -11,6 +11,7 @@ mod blind;
 mod ekf_linear_world;
 mod ekf_textbook;
 mod existence;
+mod fading;
 mod fuzz;
 mod given_map;
 mod golden;

@@ -138,6 +138,5 @@ def _config(data: dict[str, Any], max_range_m: float, start: Floats) -> dict[str
             "mounting": {"x_m": float(data["d"].item()), "y_m": 0.0, "yaw_rad": 0.0},
         },
         "filter": {"rejuvenation": {"every_steps": 500, "growth": 0.5, "spread": 0.5}},
-        "association": {"existence": {"removal": "when_missed"}},
         "initial_pose": {"x_m": float(start[0]), "y_m": float(start[1]), "heading_rad": float(start[2])},
     }

@@ -105,6 +105,4 @@ def configuration() -> dict[str, Any]:
             "likelihood_exponent": 0.2,
             "rejuvenation": {"every_steps": 100, "growth": 0.03, "spread": 0.2},
         },
-        # About half of all detections are people, cars and bushes.
-        "association": {"existence": {"removal": "when_missed"}},
     }

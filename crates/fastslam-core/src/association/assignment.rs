@@ -129,7 +129,7 @@ impl Round {
         let mut costs = vec![IMPOSSIBLE; rows * (landmarks + rows)];
         let mut fits = vec![None; rows * landmarks];
         for (row, &j) in sightings.iter().enumerate() {
-            costs[row * (landmarks + rows) + landmarks + row] = -rules.log_new_density;
+            costs[row * (landmarks + rows) + landmarks + row] = -rules.log_unexplained_density;
             for (place, candidate) in of_sighting[j].iter().enumerate() {
                 let Ok(column) = candidates.binary_search(candidate) else { continue };
                 let Some(fit) = hypothesis.fit([j, place], *candidate, &scan[j].measured) else { continue };
@@ -249,7 +249,7 @@ impl<H: Hypothesis> Deciding<'_, H> {
                 Decision::New => Decision::New,
                 _ => Decision::Ignored,
             };
-            self.log_density += self.rules.log_new_density;
+            self.log_density += self.rules.log_unexplained_density;
         }
     }
 

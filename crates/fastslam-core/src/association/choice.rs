@@ -32,13 +32,14 @@ impl Choice {
         match self.best {
             Some((candidate, fit)) if self.certain => (Decision::Landmark(candidate), fit.log_likelihood),
             Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
-                if fit.mahalanobis_squared <= rules.gate {
+                let explains = fit.log_likelihood >= rules.log_unexplained_density;
+                if explains && fit.mahalanobis_squared <= rules.gate {
                     (Decision::Landmark(candidate), fit.log_likelihood)
                 } else {
-                    (Decision::Ignored, rules.log_new_density)
+                    (Decision::Ignored, rules.log_unexplained_density)
                 }
             }
-            _ => (Decision::New, rules.log_new_density),
+            _ => (Decision::New, rules.log_unexplained_density),
         }
     }
 }
@@ -80,7 +81,7 @@ pub(super) fn best_choice<H: Hypothesis>(
 ) -> Choice {
     let wanted = sighting.identity.map(|identity| f64::from(identity) + 1.0);
     let mut best: Option<(u32, Fit)> = None;
-    let mut second = rules.log_new_density;
+    let mut second = rules.log_unexplained_density;
     for (place, &candidate) in candidates.iter().enumerate() {
         if used.contains(&candidate) {
             continue;
@@ -112,8 +113,8 @@ pub(super) fn best_choice<H: Hypothesis>(
 /// landmark, and as the more certain the farther the nearest landmark lies.
 fn margin(rules: &Rules, best: Option<f64>, second: f64) -> f64 {
     match best {
-        Some(log_likelihood) if log_likelihood >= rules.log_new_density => log_likelihood - second,
-        Some(log_likelihood) => rules.log_new_density - log_likelihood - 1e6,
+        Some(log_likelihood) if log_likelihood >= rules.log_unexplained_density => log_likelihood - second,
+        Some(log_likelihood) => rules.log_unexplained_density - log_likelihood - 1e6,
         None => -1e3,
     }
 }

@@ -73,7 +73,8 @@ impl Search<'_> {
         let mut found: Vec<(f64, usize)> = Vec::new();
         for (place, &candidate) in self.of_sighting[index].iter().enumerate() {
             let Some(fit) = hypothesis.fit([index, place], candidate, &self.scan[index].measured) else { continue };
-            let near = distance + fit.mahalanobis_squared <= gate && fit.log_likelihood >= self.rules.log_new_density;
+            let near =
+                distance + fit.mahalanobis_squared <= gate && fit.log_likelihood >= self.rules.log_unexplained_density;
             if near && fit.mahalanobis_squared <= self.rules.gate && !taken(candidate) {
                 found.push((fit.mahalanobis_squared, place));
             }
@@ -136,7 +137,7 @@ fn settle<H: Hypothesis>(
         let Some(place) = place else { continue };
         let candidate = of_sighting[index][place];
         let fit = hypothesis.fit([index, place], candidate, &scan[index].measured);
-        log_density += fit.map_or(rules.log_new_density, |fit| fit.log_likelihood);
+        log_density += fit.map_or(rules.log_unexplained_density, |fit| fit.log_likelihood);
         hypothesis.accept(candidate, &scan[index]);
         decisions[index] = Decision::Landmark(candidate);
         used.push(candidate);
@@ -148,7 +149,7 @@ fn settle<H: Hypothesis>(
             Decision::New => Decision::New,
             _ => Decision::Ignored,
         };
-        log_density += rules.log_new_density;
+        log_density += rules.log_unexplained_density;
     }
     rules.likelihood_exponent * log_density
 }

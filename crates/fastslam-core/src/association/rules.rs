@@ -45,9 +45,11 @@ pub struct Rules {
     pub method: Method,
     /// A sighting belongs to its likeliest landmark when the squared Mahalanobis distance is at most this.
     pub gate: f64,
-    /// ln of the density below which a sighting is a new landmark: that of new landmarks and clutter together.
+    /// ln of the density below which a sighting is a new landmark.
     pub log_new_density: f64,
-    /// The log-odds that a new landmark exists, where clutter is modelled.
+    /// ln of the density of what no landmark explains: that of new landmarks and clutter together.
+    pub log_unexplained_density: f64,
+    /// The log-odds that a new landmark exists, where the densities of both are told.
     pub initial_log_odds: Option<f64>,
     /// ln of the most by which anything but the place can raise a likelihood.
     pub log_most_evidence: f64,
@@ -78,8 +80,14 @@ impl Rules {
         Self {
             method: association.method,
             gate: chi_squared_2(association.gate_probability),
-            log_new_density: association.clutter_density.map_or(log_new_density, |clutter| math::ln(density + clutter)),
-            initial_log_odds: association.clutter_density.map(|clutter| math::ln(density / clutter)),
+            log_new_density,
+            log_unexplained_density: association
+                .clutter_density
+                .map_or(log_new_density, |clutter| math::ln(density + clutter)),
+            initial_log_odds: association
+                .clutter_density
+                .zip(association.new_landmark_density)
+                .map(|(clutter, new)| math::ln(new / clutter)),
             log_most_evidence: association.log_most_evidence(),
             joint_gates: joint_gates(association.gate_probability),
             exclusion: association.exclusion,

@@ -34,8 +34,8 @@ pub fn decide_sampled<H: Hypothesis>(
         let (decision, log_density) = if sighting.identity.is_some() {
             choice.decision(rules)
         } else {
-            let highest = choice.best.map_or(rules.log_new_density, |(_, fit)| fit.log_likelihood);
-            let highest = highest.max(rules.log_new_density);
+            let highest = choice.best.map_or(rules.log_unexplained_density, |(_, fit)| fit.log_likelihood);
+            let highest = highest.max(rules.log_unexplained_density);
             weigh(rules, (index, sighting), &of_sighting[index], (hypothesis, used), (highest, weights));
             pick(&of_sighting[index], weights, (highest, draw(index)))
         };
@@ -67,7 +67,7 @@ fn weigh<H: Hypothesis>(
         let fit = hypothesis.fit([index, place], *candidate, &sighting.measured);
         fit.map_or(0.0, |fit| math::exp(fit.log_likelihood - highest))
     }));
-    weights.push(math::exp(rules.log_new_density - highest));
+    weights.push(math::exp(rules.log_unexplained_density - highest));
 }
 
 /// The explanation at a uniform number, and ln of the sum of all likelihoods.

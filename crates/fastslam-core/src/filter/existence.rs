@@ -53,9 +53,11 @@ pub(super) fn is_confirmed(settings: &Settings, maps: Maps<'_>, slot: u32, sight
         return true;
     }
     let settings = &settings.config.association.existence;
+    let birth = maps.landmarks.birth(slot);
+    let trusted = maps.landmarks.fading.as_ref().is_none_or(|fading| fading.trusts(birth));
     let Some(existence) = &mut maps.landmarks.existence else { return true };
     let likely = match settings.form {
-        ExistenceForm::Counted => true,
+        ExistenceForm::Counted => trusted,
         ExistenceForm::Bayes => existence.read(slot).column(1)[maps.particles.best()] >= settings.confirmed_log_odds,
     };
     likely && sightings >= f64::from(settings.confirmed_sightings)

@@ -1,6 +1,7 @@
 //! The landmarks of all maps: the store with names, births and places.
 
 use super::appearance::Appearances;
+use super::fading::Fading;
 use crate::association::{Box2, Grid, Identities};
 use crate::config::Config;
 use crate::gaussian::Gaussian;
@@ -36,6 +37,9 @@ pub struct Landmarks {
     pub(super) existence: Option<Box<dyn LandmarkStore>>,
     /// What landmarks look like by slot; only kept where it is configured.
     pub(super) appearances: Option<Appearances>,
+    /// What speaks for and against them, where those fade that were never confirmed; a snapshot has it behind the rest.
+    #[serde(skip)]
+    pub(super) fading: Option<Fading>,
     slots: Vec<Option<Slot>>,
     free: Vec<u32>,
     births: u64,
@@ -57,6 +61,7 @@ impl Landmarks {
             columns,
             existence: (identities != Identities::All).then(|| kind.create(particles, EXISTENCE_COLUMNS)),
             appearances: Appearances::new(kind, particles, &config.association),
+            fading: Fading::of(config, identities),
             slots: Vec::new(),
             free: Vec::new(),
             births: 0,

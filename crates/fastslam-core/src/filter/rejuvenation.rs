@@ -189,7 +189,9 @@ impl<M: MeasurementModel> FastSlam<M> {
         for sight in &mut seen {
             sight.birth = self.state.merger.present_name(sight.birth, |birth| means.contains_key(&birth));
         }
-        let mut landmarks = by_landmark(&seen, |birth| means.contains_key(&birth));
+        let fading = self.state.landmarks.fading.as_ref();
+        let may_exist = |birth: u32| fading.is_none_or(|fading| fading.may_exist(birth.into()));
+        let mut landmarks = by_landmark(&seen, |birth| means.contains_key(&birth) && may_exist(birth));
         landmarks.retain(|sights| sights.seen.last().is_some_and(|last| last.step as usize >= first_free));
         self.put_given_first(&mut landmarks, means);
         landmarks

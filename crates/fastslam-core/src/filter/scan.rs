@@ -25,14 +25,13 @@ impl<M: MeasurementModel> FastSlam<M> {
     /// poses are samples already, and the beliefs about them have no spread.
     pub(super) fn step_associating(&mut self, scan: &[ScanSighting], info: &mut StepInfo) -> Result<()> {
         self.believe();
-        let table = self.candidates(scan, info);
+        let mut table = self.candidates(scan, info);
         let mut decisions = std::mem::take(&mut self.work.associating.decisions);
-        self.decide(scan, &table, &mut decisions, info);
+        self.decide(scan, &mut table, &mut decisions, info);
         self.refuse_foundings(scan, &mut decisions);
         self.examine_decided(scan, &decisions, &table);
         self.weigh_resample_sample(&mut decisions, info)?;
-        let first_birth = self.state.landmarks.births();
-        self.work.correcting.first_birth = first_birth;
+        self.work.correcting.first_birth = self.state.landmarks.births();
         self.work.correcting.founded.clear();
         self.prepare_densities(table.slots.len());
         let (mut decided, mut births) =
@@ -47,13 +46,14 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.remember_decided(scan, &decisions, &table, &births);
         self.note_scan(scan, &decisions, &table, &births);
         self.count_given_decided(scan, &decisions, &table);
+        let claims = Claims { scan, decisions: &decisions, table: &table };
+        self.fade_unconfirmed(claims, info);
         if existence::is_judged(&self.settings, &self.state.landmarks) && !scan.is_empty() {
-            let claims = Claims { decisions: &decisions, table: &table };
             let Work { correcting, judging, .. } = &mut self.work;
             info.changes.removed += existence::judge(&self.settings, self.state.maps(), claims, correcting, judging);
         }
         if self.settings.config.association.merging.rule != MergingRule::Never && !scan.is_empty() {
-            self.merge_duplicates(&decisions, &table, first_birth, info);
+            self.merge_duplicates(&decisions, &table, self.work.correcting.first_birth, info);
         }
         (
             self.work.associating.table,
@@ -75,6 +75,7 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.find_candidates(scan, &mut table);
             self.leave_ambiguous_to_draws(&mut table, false);
         }
+        self.set_doubtful_aside(&mut table);
         table
     }
 
@@ -99,11 +100,12 @@ impl<M: MeasurementModel> FastSlam<M> {
         self.note_need(scan, &matched, &founded);
     }
 
-    /// Every particle's decisions (an equal share each), with its belief refined and its weight changed by them.
+    /// Every particle's decisions (an equal share each), with its belief refined and its weight changed by them; then
+    /// those for landmarks that may not exist, which change neither.
     fn decide(
         &mut self,
         scan: &[ScanSighting],
-        table: &CandidateTable,
+        table: &mut CandidateTable,
         decisions: &mut Vec<Decision>,
         info: &mut StepInfo,
     ) {
@@ -123,11 +125,12 @@ impl<M: MeasurementModel> FastSlam<M> {
             self.state.particles.log_weight[i] += increment;
             self.state.particles.score[i] += increment;
         }
+        self.explain_by_doubtful(scan, decisions, table);
     }
 
     /// Decisions of blocks of particles, in passes of vector code.
     fn decide_together(&mut self, scan: &[ScanSighting], table: &CandidateTable, decisions: &mut [Decision]) {
-        let (model, rules) = (&self.models.measurement, &self.settings.rules);
+        let (model, rules) = (&self.models.measurement, &self.rules());
         let Work { associating, beliefs, log_likelihood, .. } = &mut self.work;
         let deciding = &associating.deciding;
         let question = fast::Question { rules, model, T_robot_sensor: self.models.T_robot_sensor, scan, table };
@@ -149,7 +152,7 @@ impl<M: MeasurementModel> FastSlam<M> {
         });
         self.gather_evidence(scan, table);
         let stream = self.settings.random.stream(Purpose::Association, self.state.counters.samplings);
-        let (model, rules) = (&self.models.measurement, &self.settings.rules);
+        let (model, rules) = (&self.models.measurement, &self.rules());
         let Work { associating, beliefs, log_likelihood, .. } = &mut self.work;
         let (deciding, fits, fell_back) = (&associating.deciding, &associating.fits, AtomicU32::new(0));
         let whole =

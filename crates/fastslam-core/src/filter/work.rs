@@ -1,6 +1,7 @@
 //! Memory that steps share. What it holds counts for nothing once a step is done.
 
 use super::beliefs::Beliefs;
+use super::fading::Look;
 use crate::association::{fast, CandidateTable, Decision, FitTable, Scratch};
 use crate::diagnosis::innovations::PredictedScan;
 use crate::diagnosis::looks::MapInView;
@@ -38,6 +39,8 @@ pub(super) struct Associating {
     pub slots: Vec<u32>,
     /// The same with their rows.
     pub table: CandidateTable,
+    /// Candidates of each sighting that may not exist.
+    pub doubtful: Vec<Vec<u32>>,
     /// How well the candidates fit.
     pub fits: FitTable,
     pub deciding: PerThread<(fast::Workspace, Scratch)>,
@@ -51,6 +54,7 @@ pub(super) struct Associating {
 /// What every particle claims that a scan shows: decisions, an equal share each, about the candidates of a table.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Claims<'a> {
+    pub scan: &'a [ScanSighting],
     pub decisions: &'a [Decision],
     pub table: &'a CandidateTable,
 }
@@ -80,6 +84,9 @@ pub(super) struct Judging {
     /// Whether a particle took some sighting for a candidate: one entry per particle, for each candidate in turn.
     pub sighted: Vec<bool>,
     pub verdicts: Vec<Verdict>,
+    /// Looks at the landmarks in view, and one of them in one map.
+    pub looks: Vec<Look>,
+    pub row: Vec<f64>,
     pub judged: Vec<bool>,
     pub dead: Vec<bool>,
 }

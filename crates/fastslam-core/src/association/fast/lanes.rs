@@ -206,10 +206,10 @@ impl Default for Best {
 impl Best {
     /// No candidate yet; the next explanation is a new landmark.
     #[inline(always)]
-    pub(super) fn clear(&mut self, log_new_density: f64) {
+    pub(super) fn clear(&mut self, log_unexplained_density: f64) {
         self.place = [-1.0; BLOCK];
         self.log_likelihood = [f64::NAN; BLOCK];
-        self.second = [log_new_density; BLOCK];
+        self.second = [log_unexplained_density; BLOCK];
     }
 
     /// Lets one more candidate of one particle compete; whether it leads now. Ties go to the earlier one.
@@ -240,11 +240,17 @@ impl Best {
     /// By how much the best explanation beats the next, as `best_choice` has it, in numbers that sort as
     /// [`f64::total_cmp`] does; all the same where the pose is known.
     #[inline(always)]
-    pub(super) fn margins(&self, width: usize, log_new_density: f64, uncertain: &Column, keys: &mut [i64; BLOCK]) {
+    pub(super) fn margins(
+        &self,
+        width: usize,
+        log_unexplained_density: f64,
+        uncertain: &Column,
+        keys: &mut [i64; BLOCK],
+    ) {
         for i in 0..width.min(BLOCK) {
             let best = self.log_likelihood[i];
-            let new = if self.place[i] < 0.0 { -1e3 } else { log_new_density - best - 1e6 };
-            let margin = if best >= log_new_density { best - self.second[i] } else { new };
+            let new = if self.place[i] < 0.0 { -1e3 } else { log_unexplained_density - best - 1e6 };
+            let margin = if best >= log_unexplained_density { best - self.second[i] } else { new };
             let bits = margin.to_bits() as i64;
             keys[i] = if uncertain[i] != 0.0 { bits ^ ((bits >> 63) as u64 >> 1) as i64 } else { 0 };
         }
@@ -252,13 +258,18 @@ impl Best {
 
     /// Decides between the best candidate, nothing, and a new landmark, and adds the log-likelihood of that.
     #[inline(always)]
-    pub(super) fn settle(&mut self, width: usize, [gate, new, exponent]: [f64; 3], log_likelihood: &mut Column) {
+    pub(super) fn settle(
+        &mut self,
+        width: usize,
+        [gate, new, unexplained, exponent]: [f64; 4],
+        log_likelihood: &mut Column,
+    ) {
         for i in 0..width.min(BLOCK) {
             let known = self.log_likelihood[i] >= new;
-            let near = self.mahalanobis_squared[i] <= gate;
-            self.accepted[i] = if known & near { 1.0 } else { 0.0 };
-            self.ignored[i] = if known & !near { 1.0 } else { 0.0 };
-            log_likelihood[i] += exponent * if known & near { self.log_likelihood[i] } else { new };
+            let explained = (self.log_likelihood[i] >= unexplained) & (self.mahalanobis_squared[i] <= gate);
+            self.accepted[i] = if explained { 1.0 } else { 0.0 };
+            self.ignored[i] = if known & !explained { 1.0 } else { 0.0 };
+            log_likelihood[i] += exponent * if explained { self.log_likelihood[i] } else { unexplained };
         }
     }
 }

@@ -202,7 +202,7 @@ impl<M: MeasurementModel> Block<'_, '_, M> {
         for j in 0..sightings {
             self.choose_before(j);
             let Workspace { best, margins, lanes, .. } = &mut *self.workspace;
-            best.margins(width, self.question.rules.log_new_density, &lanes.uncertain, &mut margins[j]);
+            best.margins(width, self.question.rules.log_unexplained_density, &lanes.uncertain, &mut margins[j]);
         }
         let Workspace { margins, order, .. } = &mut *self.workspace;
         let mut ranks = [0; BLOCK];
@@ -220,7 +220,7 @@ impl<M: MeasurementModel> Block<'_, '_, M> {
     fn choose_before(&mut self, j: usize) {
         let width = self.width();
         let Workspace { best, candidates, fits, pairs, first_pair, .. } = &mut *self.workspace;
-        best.clear(self.question.rules.log_new_density);
+        best.clear(self.question.rules.log_unexplained_density);
         let range = first_pair[j] as usize..first_pair[j + 1] as usize;
         for (place, (candidate, fits)) in pairs[range.clone()].iter().zip(&fits[range]).enumerate() {
             best.weigh_all(width, place, &candidates[*candidate as usize].presence, fits);
@@ -231,7 +231,7 @@ impl<M: MeasurementModel> Block<'_, '_, M> {
     #[inline(always)]
     fn choose(&mut self, rank: usize, order: Order) {
         let (width, model) = (self.width(), (self.question.model, self.tail));
-        self.workspace.best.clear(self.question.rules.log_new_density);
+        self.workspace.best.clear(self.question.rules.log_unexplained_density);
         match order {
             Order::Certain => self.choose_before(rank),
             Order::Given => {
@@ -300,7 +300,7 @@ impl<M: MeasurementModel> Block<'_, '_, M> {
         let (width, question) = (self.width(), self.question);
         let (rules, sightings) = (question.rules, question.scan.len());
         let Workspace { lanes, best, order: own, candidates, pairs, first_pair, .. } = &mut *self.workspace;
-        let limits = [rules.gate, rules.log_new_density, rules.likelihood_exponent];
+        let limits = [rules.gate, rules.log_new_density, rules.log_unexplained_density, rules.likelihood_exponent];
         best.settle(width, limits, &mut lanes.log_likelihood);
         for i in 0..self.count {
             let j = if order == Order::Own { own[rank][i] as usize } else { rank };

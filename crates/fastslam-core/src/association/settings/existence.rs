@@ -40,8 +40,11 @@ pub struct ExistenceConfig {
 #[serde(rename_all = "snake_case")]
 pub enum Removal {
     /// Never, as in the original paper.
-    #[default]
     Never,
+    /// When they were never confirmed, and the sensor should have shown them and did not. How often it shows what is
+    /// there, by range and bearing, is learned from the confirmed ones; where that is not known, nothing is removed.
+    #[default]
+    Unconfirmed,
     /// When they are in view and missed much more often than they are seen. For sensors whose range and field of view
     /// are set as they are, and that see most of what is in view.
     WhenMissed,
