@@ -222,3 +222,8 @@ def test_a_whole_number_that_no_float_holds(tmp_path: Path) -> None:
     path.write_text("1\n1e300\n")
     with pytest.raises(DataError, match=r"table\.txt:2: got '1e\+300', expected a whole number"):
         whole_numbers(path, np.array([1.0, 1e300]))
+
+
+def test_an_array_without_dimensions_is_no_sequence() -> None:
+    with pytest.raises(DataError, match="expected a sequence"):
+        Log.from_arrays(np.array(1.0), ([0.0], [1.0], [0.1]))

@@ -73,7 +73,8 @@ def _parts(what: str, given: object, names: tuple[str, ...]) -> list[Any]:
 
 
 def _listed(what: str, given: object) -> list[Any]:
-    if not isinstance(given, Iterable):
+    # An array without dimensions is iterable by its type alone.
+    if not isinstance(given, Iterable) or getattr(given, "ndim", 1) == 0:
         raise DataError(f"{what}: got {shown(given)}, expected a sequence")
     return list(given)
 
