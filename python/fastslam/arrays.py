@@ -13,6 +13,7 @@ from .errors import DataError
 from .identity import nobody_knows
 from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, LARGEST_STAMP_S, stamp_fault
 from .log import Controls, Floats, Ints, Log, Sightings
+from .measured import measured_columns
 
 _SOURCE = "arrays"
 
@@ -33,10 +34,9 @@ def log_from_arrays(
     if np.any(np.diff(stamp_s) <= 0.0):
         row = int(np.flatnonzero(np.diff(stamp_s) <= 0.0)[0]) + 1
         raise DataError(f"controls: stamp_s must grow, but row {row} ({stamp_s[row]:g}) does not")
-    names: tuple[str, ...] = ("stamp_s", "range_m", "bearing_rad")
     sensor = (config or {}).get("sensor")
-    ranges_alone = isinstance(sensor, Mapping) and sensor.get("model") == "range"
-    names = names[:2] if ranges_alone else names
+    measures = measured_columns(sensor.get("model") if isinstance(sensor, Mapping) else None)
+    names = ("stamp_s", *measures)
     seen_stamps, *rest = _parts("sightings", sightings, names)
     columns = [_stamps("sightings", seen_stamps)]
     columns += [_column(f"sightings: {key}", value) for key, value in zip(names[1:], rest, strict=True)]
@@ -44,19 +44,20 @@ def log_from_arrays(
     lengths = {len(column) for column in (*columns, given)}
     if len(lengths) > 1:
         raise DataError(f"sightings: arrays and identities must be of one length, got {sorted(lengths)}")
-    if np.any(columns[1] < 0.0):
-        row = int(np.flatnonzero(columns[1] < 0.0)[0])
-        raise DataError(f"sightings: range_m must not be negative, but row {row} is {columns[1][row]:g}")
-    if ranges_alone:
-        columns.append(np.full(len(columns[1]), np.nan))
-    if np.any(np.abs(columns[2]) > LARGEST_BEARING_RAD):
+    measured = dict(zip(measures, columns[1:], strict=True))
+    nothing = np.full(len(columns[0]), np.nan)
+    range_m, bearing_rad = (measured.get(column, nothing) for column in ("range_m", "bearing_rad"))
+    if np.any(range_m < 0.0):
+        row = int(np.flatnonzero(range_m < 0.0)[0])
+        raise DataError(f"sightings: range_m must not be negative, but row {row} is {range_m[row]:g}")
+    if np.any(np.abs(bearing_rad) > LARGEST_BEARING_RAD):
         raise DataError(f"sightings: bearing_rad: {DEGREES_HINT}")
     order = np.argsort(columns[0], kind="stable")
     identity, known = _identities(given)
     seen = Sightings(
         stamp_s=columns[0][order],
-        range_m=columns[1][order],
-        bearing_rad=columns[2][order],
+        range_m=range_m[order],
+        bearing_rad=bearing_rad[order],
         identity=identity[order],
         class_index=np.full(len(order), -1, dtype=np.int64),
         signature=np.full(len(order), np.nan),

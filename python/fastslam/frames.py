@@ -19,6 +19,7 @@ from .datasets.native_settings import checked_settings
 from .datasets.native_sightings import sightings_of
 from .errors import ConfigError, DataError
 from .log import Log
+from .measured import measured_columns
 
 if TYPE_CHECKING:
     import narwhals as nw
@@ -38,8 +39,8 @@ def log_from_frames(
     given = {"format_version": 1, **_MODELS, **(config or {})}
     try:
         settings = checked_settings(given, Path("config"), {})
-        ranges_alone = settings.config["sensor"].get("model") == "range"
-        seen = sightings_of(frame_table(sightings, "sightings"), ranges_alone=ranges_alone)
+        measures = measured_columns(settings.config["sensor"].get("model"))
+        seen = sightings_of(frame_table(sightings, "sightings"), measures=measures)
         moved = odometry_of(
             frame_table(odometry, "odometry"), model=settings.motion_model, wheels=settings.wheels
         )

@@ -15,7 +15,8 @@ from .errors import DataError
 from .identity import nobody_knows
 from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, is_definite
 from .log import Floats, Ints
-from .sensors import Adapter, measured_columns
+from .measured import measured_columns
+from .sensors import Adapter
 
 Identity = str | float | None
 """Name or number (from 0) of a landmark; None, -1, NaN and some words where nobody says which one it is
@@ -27,7 +28,7 @@ def measured_scan(
 ) -> tuple[Floats, Floats]:
     """Ranges and bearings of a call, NaN where it has none. Errors: `DataError` where one is missing."""
     model = config["sensor"]["model"]
-    needed = measured_columns(model, adapter)
+    needed = measured_columns(model) if adapter is None else adapter.measures
     given = {"range_m": range_m, "bearing_rad": bearing_rad}
     columns = {name: column(name, values) for name, values in given.items() if values is not None}
     count = max((len(column) for column in columns.values()), default=0)

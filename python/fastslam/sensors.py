@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .errors import ModelError
 from .log import Floats
+from .measured import BOTH
 from .settings import Layer
 
-MEASURES: tuple[tuple[str, ...], ...] = (("range_m",), ("bearing_rad",), ("range_m", "bearing_rad"))
+MEASURES = (("range_m",), ("bearing_rad",), BOTH)
 """Columns of sightings that may hold the numbers of a sensor."""
 
 _STEP = 1e-5
@@ -66,7 +67,7 @@ class Adapter:
         self.noise = self._answer("noise", lambda: sensor.noise, (self.size, self.size))
         if not (self.noise == self.noise.T).all() or not (np.linalg.eigvalsh(self.noise) > 0.0).all():
             raise ModelError(f"{self.name}.noise: got {self.noise.tolist()}, expected a covariance")
-        self.columns = [MEASURES[2].index(column) for column in self.measures]
+        self.columns = [BOTH.index(column) for column in self.measures]
         self.has_births = hasattr(sensor, "births")
         if not self.has_births and self.measures != ("range_m",):
             raise ModelError(
@@ -207,13 +208,6 @@ def adapted(sensor: Sensor | None) -> Adapter | None:
 def own_layer(sensor: object | None) -> Layer:
     """The setting that a filter is for a sensor of one's own, where there is one."""
     return {} if sensor is None else {"sensor": {"model": "own"}}
-
-
-def measured_columns(model: str, sensor: Adapter | None) -> tuple[str, ...]:
-    """Columns of sightings that a sensor model, or a sensor of one's own, measures."""
-    if sensor is not None:
-        return sensor.measures
-    return ("range_m",) if model == "range" else ("range_m", "bearing_rad")
 
 
 def _read_only(*arrays: Floats) -> tuple[Floats, ...]:

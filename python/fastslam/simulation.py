@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
-
-import numpy as np
 
 from . import _core
 from .errors import ConfigError
 from .log import BeamGeometry, Controls, Floats, Log, Scans, Sightings, TruthLandmarks, TruthTrajectory
+from .measured import measured_alone, measured_columns
 from .settings import Layer, Schema, Settings
 
 SCHEMA = Schema(_core.simulation_schema, _core.resolve_simulation, explained_by="fastslam simulate --explain")
@@ -56,16 +56,17 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
     >>> len(log.truth_landmarks.names), log.controls.values.shape[1]
     (25, 2)
 
-    Landmarks are named by their index. With `sensor.model: range` sightings have no bearing. Errors:
+    Landmarks are named by their index. With `sensor.model: range` sightings have no bearing, with
+    `bearing` no range. Errors:
     `ConfigError` for settings that are out of range or contradict each other (a field too small for its
     landmarks).
     """
     complete = settings if isinstance(settings, Settings) else SCHEMA.resolve(settings)
     if complete["sensor"]["model"] == "own":
-        raise ConfigError("sensor.model: got own, expected range_bearing or range for a simulation")
-    ranges_alone = complete["sensor"]["model"] == "range"
-    if ranges_alone and complete["scan"]["laser"] is not None:
-        raise ConfigError("sensor.model: got range, expected range_bearing for a laser (scan.laser)")
+        raise ConfigError("sensor.model: got own, expected range_bearing, range or bearing for a simulation")
+    model = complete["sensor"]["model"]
+    if model != "range_bearing" and complete["scan"]["laser"] is not None:
+        raise ConfigError(f"sensor.model: got {model}, expected range_bearing for a laser (scan.laser)")
     try:
         columns = _core.simulate(complete.to_json())
     except ValueError as error:
@@ -78,7 +79,7 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
         source="simulation",
         format="native",
         controls=Controls(columns["control_stamp_s"], columns["controls"]),
-        sightings=_sightings(columns, complete["sensor"]["delay_s"], ranges_alone=ranges_alone),
+        sightings=_sightings(columns, complete["sensor"]["delay_s"], measured_columns(model)),
         # The scans of a laser say nothing of who is who.
         identity_names=names if scans is None else (),
         class_names=tuple(columns["class_names"]),
@@ -128,14 +129,14 @@ def _scans(columns: dict[str, Any], settings: Settings) -> Scans | None:
     )
 
 
-def _sightings(columns: dict[str, Any], delay_s: float, *, ranges_alone: bool) -> Sightings:
+def _sightings(columns: dict[str, Any], delay_s: float, measures: Sequence[str]) -> Sightings:
     stamp_s: Floats = columns["sighting_stamp_s"]
-    bearing_rad: Floats = columns["bearing_rad"]
-    return Sightings(
+    seen = Sightings(
         stamp_s=stamp_s + delay_s if delay_s else stamp_s,
         range_m=columns["range_m"],
-        bearing_rad=np.full(len(bearing_rad), np.nan) if ranges_alone else bearing_rad,
+        bearing_rad=columns["bearing_rad"],
         identity=columns["identity"],
         class_index=columns["class_index"],
         signature=columns["signature"],
     )
+    return measured_alone(seen, measures)

@@ -80,6 +80,10 @@ pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
             check_names("range", identities)?;
             return Ok(Box::new(PartialSlam::range_only(config)?));
         }
+        SensorModel::Bearing => {
+            check_names("bearing", identities)?;
+            return Ok(Box::new(PartialSlam::bearing_only(config)?));
+        }
         SensorModel::Own => return Err(Error::parameter("sensor.model", "own", EXPECTED_OF_OWN)),
     }
     Ok(match config.algorithm {

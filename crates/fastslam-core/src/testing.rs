@@ -228,7 +228,7 @@ pub fn check_cutting(row: &RowMotion, cuts: &[f64]) -> Result<(), Nonconformance
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measurement::{birth_at, Cartesian, Component, RangeBearing, RangeOnly};
+    use crate::measurement::{birth_at, BearingOnly, Cartesian, Component, RangeBearing, RangeOnly};
     use crate::motion::{Ackermann, Increments, Odometry, Velocity};
     use crate::normal::Normal;
 
@@ -264,6 +264,8 @@ mod tests {
     #[test]
     fn models_of_every_size_conform() {
         assert_eq!(check_observation::<_, 1, 2>(&RangeOnly { range_std_m: 0.3 }), Ok(300));
+        let bearing = BearingOnly { bearing_std_rad: 0.02, nearest_m: 0.4, farthest_m: 80.0 };
+        assert_eq!(check_observation::<_, 1, 2>(&bearing), Ok(300));
         assert_eq!(check_observation::<_, 2, 2>(&RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 }), Ok(300));
         assert_eq!(check_observation::<_, 2, 2>(&Cartesian { position_std_m: 0.1 }), Ok(300));
         assert_eq!(check_observation::<_, 3, 3>(&Point), Ok(300));

@@ -52,7 +52,7 @@ def simulate_log(
     ] = None,
     sensor: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="What it sees, range_bearing or range: `sensor.model`."),
+        typer.Option(metavar="NAME", help="What it sees, range_bearing, range or bearing: `sensor.model`."),
     ] = None,
     max_range: Annotated[
         float | None, typer.Option("--max-range-m", metavar="M", help="How far the sensor sees, in metres.")

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import DataError
 from ..limits import LARGEST_STAMP_S, WIDEST_GAP_S, stamp_fault
 from ..log import REPEATED_STAMPS, Bools, Controls, Floats, Ints, Problem, Sightings
+from ..measured import BOTH, measured_alone
 from .planar import wrap_to_pi
 
 FULL_TURNS_ALLOWED = 0.01
@@ -49,21 +50,22 @@ def clean_controls(
 
 
 def clean_sightings(
-    sightings: Sightings, *, path: Path, lines: Sequence[int] | None = None, ranges_alone: bool = False
+    sightings: Sightings, *, path: Path, lines: Sequence[int] | None = None, measures: Sequence[str] = BOTH
 ) -> tuple[Sightings, tuple[Problem, ...]]:
     """Sightings in time order with finite, positive ranges and bearings in [-pi, pi].
 
-    With `ranges_alone` the sensor measures no bearings, and they stay NaN.
+    `measures` are the columns that the sensor measures; the other one is NaN.
     `lines` says where the rows stand in the file. Errors: DataError when there were sightings and none is
     left, or for a stamp that cannot be in seconds or lies months from all others.
     """
     refuse_wrong_stamps(sightings.stamp_s, path=path, lines=lines)
     problems: list[Problem] = []
-    finite = np.isfinite(sightings.stamp_s) & np.isfinite(sightings.range_m)
-    if not ranges_alone:
-        finite &= np.isfinite(sightings.bearing_rad)
+    sightings = measured_alone(sightings, measures)
+    finite = np.isfinite(sightings.stamp_s)
+    for column in measures:
+        finite &= np.isfinite(getattr(sightings, column))
     _count(problems, "sightings with NaN or infinite stamp, range or bearing: dropped", int(np.sum(~finite)))
-    positive = np.greater(sightings.range_m, 0.0, where=finite, out=np.zeros_like(finite))
+    positive = finite & ~(sightings.range_m <= 0.0)
     _count(problems, "sightings with zero or negative range: dropped", int(np.sum(finite & ~positive)))
     kept = select_sightings(sightings, finite & positive)
     if len(kept.stamp_s) == 0 and len(sightings.stamp_s) > 0:

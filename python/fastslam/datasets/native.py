@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..errors import DataError
 from ..log import Log, Problem
+from ..measured import measured_columns
 from .clean import no_sightings
 from .native_odometry import Odometry, read_odometry
 from .native_settings import LEAST_SENSOR, read_settings
@@ -36,11 +37,11 @@ def load(path: Path, options: LoadOptions) -> Log:
     only_scans = scans is not None and find_file(path, "sightings.csv") is None
     settings = read_settings(_required(path, "log.yaml"))
     odometry_file = _required(path, "odometry.csv")
-    ranges_alone = settings.config["sensor"].get("model") == "range"
+    measures = measured_columns(settings.config["sensor"].get("model"))
     if only_scans:
         seen = SightingsFile(no_sightings())
     else:
-        seen = read_sightings(_required(path, "sightings.csv"), ranges_alone=ranges_alone)
+        seen = read_sightings(_required(path, "sightings.csv"), measures=measures)
     odometry = read_odometry(odometry_file, model=settings.motion_model, wheels=settings.wheels)
     trajectory, truth_problems = read_trajectory(find_file(path, "truth_trajectory.tum"))
     clocks = clock_problems(odometry, seen, path)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import DataError
 from ..log import Floats, Ints, Log
+from ..measured import measured_columns
 from .native_odometry import MOTION_COVARIANCE_COLUMNS
 from .native_sightings import COVARIANCE_COLUMNS
 
@@ -38,12 +39,9 @@ def odometry_columns(log: Log) -> dict[str, Floats]:
 def sightings_columns(log: Log) -> dict[str, Floats | Names]:
     """Columns of `sightings.csv`: those that the log has anything in; NaN and None stand for nothing."""
     seen = log.sightings
-    columns: dict[str, Floats | Names] = {
-        "stamp_s": seen.stamp_s,
-        "range_m": seen.range_m,
-    }
-    if log.config.get("sensor", {}).get("model") != "range":
-        columns["bearing_rad"] = seen.bearing_rad
+    columns: dict[str, Floats | Names] = {"stamp_s": seen.stamp_s}
+    for column in measured_columns(log.config.get("sensor", {}).get("model")):
+        columns[column] = getattr(seen, column)
     if log.identity_names:
         columns["landmark_id"] = _names(seen.identity, log.identity_names)
     if log.class_names:

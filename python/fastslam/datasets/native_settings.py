@@ -17,7 +17,7 @@ from .wheels import Wheels, parse_wheels
 FORMAT_VERSION = 1
 CONFIG_KEYS = ("motion", "sensor", "association", "filter", "initial_pose")
 KEYS = ("format_version", "name", *CONFIG_KEYS, "wheels", "truth_landmarks_complete")
-SENSOR_MODELS = ("range_bearing", "range")
+SENSOR_MODELS = ("range_bearing", "range", "bearing")
 LEAST_SENSOR = "{model: range_bearing, range_std_m: ..., bearing_std_rad: ...}"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from ..errors import DataError
 from ..identity import nobody_knows
 from ..log import Floats, Ints, Problem, Sightings
+from ..measured import BOTH
 from .clean import clean_sightings
 from .columns import Quantity, name_columns
 from .csv_table import CsvTable, read_csv
@@ -53,26 +55,24 @@ class SightingsFile:
     """Whether the stamps are dates."""
 
 
-def read_sightings(path: Path, *, ranges_alone: bool = False) -> SightingsFile:
+def read_sightings(path: Path, *, measures: Sequence[str] = BOTH) -> SightingsFile:
     """The sightings, polar or Cartesian, in any of the dialects. Errors: DataError with file and line.
 
-    With `ranges_alone` (`sensor.model: range`) no bearing is asked for, and none is kept.
+    `measures` are the columns of the sensor's model; the other one is not asked for, and not kept.
     """
-    return sightings_of(read_csv(path, example=EXAMPLE, allow_empty=True), ranges_alone=ranges_alone)
+    return sightings_of(read_csv(path, example=EXAMPLE, allow_empty=True), measures=measures)
 
 
-def sightings_of(table: CsvTable, *, ranges_alone: bool = False) -> SightingsFile:
+def sightings_of(table: CsvTable, *, measures: Sequence[str] = BOTH) -> SightingsFile:
     """The sightings that a table holds under any of the names known. Errors: DataError with its line."""
     table = name_columns(table, QUANTITIES, ignored=IGNORED)
-    cartesian = _is_cartesian(table, ranges_alone=ranges_alone)
+    cartesian = _is_cartesian(table, measures=measures)
     identity, identity_names = _named(*_labels(table, "landmark_id"))
     class_index, class_names = _labels(table, "class")
     signature: Floats = np.full(len(table.lines), np.nan)
     if "signature" in table.index_of:
         signature = table.numbers("signature", empty=float("nan"))
-    range_m, bearing_rad = _polar(table) if cartesian else _given(table, ranges_alone=ranges_alone)
-    if ranges_alone:
-        bearing_rad = np.full(len(range_m), np.nan)
+    range_m, bearing_rad = _polar(table) if cartesian else _given(table, measures=measures)
     raw = Sightings(
         stamp_s=table.stamps("stamp_s"),
         range_m=range_m,
@@ -82,9 +82,12 @@ def sightings_of(table: CsvTable, *, ranges_alone: bool = False) -> SightingsFil
         signature=signature,
         covariance=_point_covariance(table) if cartesian else _covariance(table, COVARIANCE_COLUMNS),
     )
-    left_out = ranges_alone and not cartesian and "bearing_rad" in table.index_of
-    notes = ("sensor.model is range: the bearings are not used",) if left_out else ()
-    sightings, problems = clean_sightings(raw, path=table.path, lines=table.lines, ranges_alone=ranges_alone)
+    left_out = [column for column in BOTH if column not in measures and column in table.index_of]
+    notes = tuple(
+        f"sensor.model is {measures[0].partition('_')[0]}: the {column.partition('_')[0]}s are not used"
+        for column in ([] if cartesian else left_out)
+    )
+    sightings, problems = clean_sightings(raw, path=table.path, lines=table.lines, measures=measures)
     if not table.lines:
         problems = (Problem(f"{table.path.name} holds no sighting: only the odometry is left"),)
     return SightingsFile(
@@ -97,20 +100,20 @@ def sightings_of(table: CsvTable, *, ranges_alone: bool = False) -> SightingsFil
     )
 
 
-def _is_cartesian(table: CsvTable, *, ranges_alone: bool) -> bool:
+def _is_cartesian(table: CsvTable, *, measures: Sequence[str]) -> bool:
     """Whether sightings are given as x, y. Errors: DataError when neither form is complete."""
     present = set(table.index_of)
-    if ranges_alone and {"stamp_s", "range_m"} <= present:
-        return False
-    if "stamp_s" in present and {"range_m", "bearing_rad"} <= present:
+    if {"stamp_s", *measures} <= present:
         return False
     if {"stamp_s", "x_m", "y_m"} <= present:
         return True
-    wanted = ("stamp_s", "x_m", "y_m") if {"x_m", "y_m"} & present else ("stamp_s", "range_m", "bearing_rad")
+    wanted = ("stamp_s", "x_m", "y_m") if {"x_m", "y_m"} & present else ("stamp_s", *measures)
     missing = next(name for name in wanted if name not in present)
     expected = "stamp_s,range_m,bearing_rad or stamp_s,x_m,y_m (in the sensor's frame)"
     if missing == "bearing_rad":
         expected += "; for ranges alone write sensor: {model: range, range_std_m: ...} in log.yaml"
+    if missing == "range_m":
+        expected += "; for bearings alone write sensor: {model: bearing, bearing_std_rad: ...} in log.yaml"
     message = f"column {missing} is missing: got {','.join(table.index_of)}, expected {expected}"
     raise DataError(message, table.path, table.header_line)
 
@@ -128,9 +131,10 @@ def _named(indices: Ints, names: tuple[str, ...]) -> tuple[Ints, tuple[str, ...]
     return new_index[indices], tuple(name for name, is_known in zip(names, known, strict=True) if is_known)
 
 
-def _given(table: CsvTable, *, ranges_alone: bool) -> tuple[Floats, Floats]:
-    range_m = table.numbers("range_m")
-    return range_m, range_m if ranges_alone else table.numbers("bearing_rad")
+def _given(table: CsvTable, *, measures: Sequence[str]) -> tuple[Floats, Floats]:
+    nothing = np.full(len(table.lines), np.nan)
+    range_m, bearing_rad = (table.numbers(column) if column in measures else nothing for column in BOTH)
+    return range_m, bearing_rad
 
 
 def _polar(table: CsvTable) -> tuple[Floats, Floats]:

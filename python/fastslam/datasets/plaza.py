@@ -55,7 +55,7 @@ def load(path: Path, options: LoadOptions) -> Log:
             signature=np.full(len(heard), np.nan),
         ),
         path=file,
-        ranges_alone=True,
+        measures=("range_m",),
     )
     return Log(
         name=file.stem.rstrip("_").lower(),

@@ -3,11 +3,13 @@
 //! A new model is one file with [`MeasurementModel`] implemented;
 //! [`crate::testing::check_measurement_model`] puts it through its conformance suite.
 
+mod bearing_only;
 mod cartesian;
 mod observation;
 mod range_bearing;
 mod range_only;
 
+pub use bearing_only::BearingOnly;
 pub use cartesian::Cartesian;
 pub use observation::{birth_at, Component, Derivatives, Observation};
 pub use range_bearing::RangeBearing;
@@ -110,8 +112,8 @@ impl Mounting {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Sensor {
-    /// What a sighting says: `range_bearing`, or `range` alone (beacons that are heard, known by name); `own` stands in
-    /// the settings of a run with a sensor of one's own.
+    /// What a sighting says: `range_bearing`, `range` alone (beacons that are heard) or `bearing` alone (landmarks in
+    /// pictures), both known by name; `own` stands in the settings of a run with a sensor of one's own.
     pub model: SensorModel,
     /// Standard deviation of the range.
     pub range_std_m: f64,
@@ -178,12 +180,15 @@ pub enum SensorModel {
     RangeBearing,
     /// Distance of a landmark alone.
     Range,
+    /// Direction of a landmark alone.
+    Bearing,
     /// A sensor of one's own, from Python: only together with one.
     Own,
 }
 
 /// What is expected where there is no sensor of one's own.
-pub(crate) const EXPECTED_OF_OWN: &str = "range_bearing or range where no sensor of one's own is given (`sensor=`)";
+pub(crate) const EXPECTED_OF_OWN: &str =
+    "range_bearing, range or bearing where no sensor of one's own is given (`sensor=`)";
 
 impl SensorModel {
     /// A reported range and bearing as the value of a sighting: what the sensor does not measure counts for nothing; a
@@ -192,6 +197,17 @@ impl SensorModel {
         match self {
             Self::RangeBearing | Self::Own => [range_m, bearing_rad],
             Self::Range => [range_m, 0.0],
+            Self::Bearing => [0.0, bearing_rad],
+        }
+    }
+
+    /// As settings write it.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::RangeBearing => "range_bearing",
+            Self::Range => "range",
+            Self::Bearing => "bearing",
+            Self::Own => "own",
         }
     }
 }
@@ -256,9 +272,9 @@ impl Sensor {
     pub(crate) fn check_places(&self) -> Result<()> {
         match self.model {
             SensorModel::RangeBearing => Ok(()),
-            SensorModel::Range => {
-                let expected = "range_bearing: `slam::create` makes the filter for ranges alone";
-                Err(Error::parameter("sensor.model", "range", expected))
+            SensorModel::Range | SensorModel::Bearing => {
+                let expected = "range_bearing: `slam::create` makes the filter for ranges or bearings alone";
+                Err(Error::parameter("sensor.model", self.model.name(), expected))
             }
             SensorModel::Own => Err(Error::parameter("sensor.model", "own", EXPECTED_OF_OWN)),
         }

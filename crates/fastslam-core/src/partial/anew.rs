@@ -15,6 +15,8 @@ use crate::random::{Purpose, Stream};
 
 /// Steps between two draws at least, where the configuration does not say.
 const EVERY_STEPS: u32 = 10;
+/// Solutions for one draw at most: with all landmarks that may be placed, and with those of them that are.
+const SOLUTIONS: usize = 2;
 
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// Whether it is time, this many steps from now: after so many steps, and a share of the log so far.
@@ -33,35 +35,81 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
 
     /// Draws all particles anew; false, and nothing is changed, where nothing is placed yet or no solution is found.
     ///
+    /// Landmarks that the best particle has placed take part. As long as the calibration is to be learned particles take its
+    /// error for noise, and cannot tell: then it is those at one place, however uncertain that is there. Whether they are
+    /// placed the solution tells, of which the calibration is a part; those that are not are left out of another one.
+    ///
     /// **Errors:** those of a sensor of one's own.
     pub(super) fn draw_anew(&mut self) -> Result<bool> {
         self.state.counters.drawn_at = self.state.past.steps() as u64;
-        let best = self.state.cloud.particles.best();
-        let here = self.state.cloud.particles.pose(best);
-        let placed: Vec<Option<Gaussian>> =
-            self.state.cloud.maps[best].iter().map(|place| place.placed([here.x, here.y])).collect();
-        let poses: Vec<Pose> = self.state.path.path(best).into_iter().map(|(_, pose)| pose).collect();
-        if placed.iter().all(Option::is_none) || poses.len() != self.state.past.steps() {
+        let mut guess = self.guess(self.state.cloud.particles.best());
+        if guess.1.poses.len() != self.state.past.steps() {
             return Ok(false);
         }
-        let mut number = 0..;
-        let graph = Graph {
+        for _ in 0..SOLUTIONS {
+            let (number_of, solution) = guess;
+            if solution.landmarks.is_empty() {
+                break;
+            }
+            let Some(mode) = self.graph(&number_of).solve(solution)? else { break };
+            let Some((covariance, placed)) = self.covariance(&mode) else { break };
+            if placed.iter().all(|placed| *placed) {
+                let Some(draws) = self.draws_about(&mode, covariance) else { break };
+                let others = self.others(&number_of, &mode.solution)?;
+                self.adopt(&mode.solution, draws, (&number_of, others));
+                return Ok(true);
+            }
+            guess = only(&number_of, mode.solution, &placed);
+        }
+        Ok(false)
+    }
+
+    /// The path, the calibration and the landmarks of a particle that may be placed, with the numbers of these by slot.
+    fn guess(&self, particle: usize) -> (Vec<Option<usize>>, Solution) {
+        let cloud = &self.state.cloud;
+        let here = cloud.particles.pose(particle);
+        let (mut number_of, mut landmarks) = (Vec::new(), Vec::new());
+        for place in &cloud.maps[particle] {
+            let gaussian = match place {
+                Place::One(gaussian) if self.is_learning() => Some(*gaussian),
+                place => place.placed([here.x, here.y]),
+            };
+            number_of.push(gaussian.map(|_| landmarks.len()));
+            landmarks.extend(gaussian.map(|gaussian| gaussian.mean));
+        }
+        let poses = self.state.path.path(particle).into_iter().map(|(_, pose)| pose).collect();
+        (number_of, Solution { poses, landmarks, calibration: cloud.calibrations[particle] })
+    }
+
+    fn graph(&self, number_of: &[Option<usize>]) -> Graph<'_, S> {
+        Graph {
             past: &self.state.past,
             sensor: &self.sensor,
             T_robot_sensor: self.T_robot_sensor,
             start: self.config.initial_pose.T_world_robot(),
             likelihood_exponent: self.config.filter.likelihood_exponent,
             prior: self.prior,
-            number_of: placed.iter().map(|place| place.and_then(|_| number.next())).collect(),
+            number_of: number_of.to_vec(),
+        }
+    }
+
+    /// Covariance of newest pose, landmarks and calibration, and which landmarks are placed as seen from that pose.
+    fn covariance(&self, mode: &Mode) -> Option<(Vec<Vec<f64>>, Vec<bool>)> {
+        let Solution { poses, landmarks, .. } = &mode.solution;
+        let border = 3 * poses.len();
+        let variables: Vec<usize> = (border - 3..border + 2 * landmarks.len() + self.prior.free().len()).collect();
+        let covariance = mode.factor.covariance(&variables);
+        let last = poses[poses.len() - 1];
+        let pose = std::array::from_fn(|a| std::array::from_fn(|b| covariance[a][b]));
+        let placed = |(k, mean): (usize, &[f64; 2])| {
+            let first = 3 + 2 * k;
+            let marginal = [0, 1].map(|a| [0, 1].map(|b| covariance[first + a][first + b]));
+            let cross = [0, 1].map(|a| [0, 1, 2].map(|b| covariance[first + a][b]));
+            let relative = Normal { mean: *mean, covariance: given_pose(marginal, &cross, &pose) };
+            Place::One(Gaussian::from(relative)).placed([last.x, last.y]).is_some()
         };
-        let landmarks = placed.iter().flatten().map(|gaussian| gaussian.mean).collect();
-        let guess = Solution { poses, landmarks, calibration: self.state.cloud.calibrations[best] };
-        let Some(mode) = graph.solve(guess)? else { return Ok(false) };
-        let number_of = graph.number_of;
-        let Some(draws) = self.draws_about(&mode) else { return Ok(false) };
-        let others = self.others(&number_of, &mode.solution)?;
-        self.adopt(&mode.solution, draws, (&number_of, others));
-        Ok(true)
+        let placed = landmarks.iter().enumerate().map(placed).collect();
+        covariance.iter().flatten().all(|v| v.is_finite()).then_some((covariance, placed))
     }
 
     /// Draws of what a particle holds, from the Laplace approximation; `None` where that does not hold.
@@ -71,14 +119,11 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// the newest pose and the calibration; the paths themselves need not be drawn. Where all of it lies together
     /// ([`Gauge`]) no later sighting can tell, so the draws do not differ in that. They come in pairs about the mode, whose
     /// mean is the mode.
-    fn draws_about(&mut self, mode: &Mode) -> Option<Draws> {
+    fn draws_about(&self, mode: &Mode, mut covariance: Vec<Vec<f64>>) -> Option<Draws> {
         let Solution { poses, landmarks, .. } = &mode.solution;
         let (last, free) = (poses[poses.len() - 1], self.prior.free());
-        let border = 3 * poses.len();
-        let variables: Vec<usize> = (border - 3..border + 2 * landmarks.len() + free.len()).collect();
-        let mut covariance = mode.factor.covariance(&variables);
         let marginal = std::array::from_fn(|a| std::array::from_fn(|b| covariance[a][b]));
-        let given_path = (0..landmarks.len()).map(|k| take_out_own(mode, k, &marginal, &mut covariance));
+        let given_path = (0..landmarks.len()).map(|k| take_out_own(mode, k, &mut covariance));
         let given_path = given_path.collect::<Option<Vec<Symmetric2>>>()?;
         let gauge = Gauge::of(last, landmarks, &covariance);
         let about = Laplace { mode: &mode.solution, given_path, root: root(covariance)?, gauge: &gauge, free };
@@ -198,21 +243,23 @@ impl Laplace<'_> {
 }
 
 /// Takes the covariance Λ⁻¹ that landmark `k` has where the path is known out of that of all that is drawn, and returns
-/// it; `None` unless the landmark is placed where the newest pose, of covariance `pose`, is known.
-fn take_out_own(mode: &Mode, k: usize, pose: &Matrix3, covariance: &mut [Vec<f64>]) -> Option<Symmetric2> {
-    let Solution { poses, landmarks, .. } = &mode.solution;
-    let (last, first) = (poses[poses.len() - 1], 3 + 2 * k);
+/// it; `None` where nothing was said of it.
+fn take_out_own(mode: &Mode, k: usize, covariance: &mut [Vec<f64>]) -> Option<Symmetric2> {
     let own = Cholesky::of(&mode.information[k])?.inverse();
-    let marginal = [0, 1].map(|a| [0, 1].map(|b| covariance[first + a][first + b]));
-    let cross = [0, 1].map(|a| [0, 1, 2].map(|b| covariance[first + a][b]));
-    let relative = Normal { mean: landmarks[k], covariance: given_pose(marginal, &cross, pose) };
-    Place::One(Gaussian::from(relative)).placed([last.x, last.y])?;
     for (a, row) in own.iter().enumerate() {
         for (b, value) in row.iter().enumerate() {
-            covariance[first + a][first + b] -= value;
+            covariance[3 + 2 * k + a][3 + 2 * k + b] -= value;
         }
     }
     Some(Symmetric2::new(own[0][0], own[0][1], own[1][1]))
+}
+
+/// A solution with only these of its landmarks, and their numbers by slot.
+fn only(number_of: &[Option<usize>], solution: Solution, chosen: &[bool]) -> (Vec<Option<usize>>, Solution) {
+    let mut next = 0..;
+    let new: Vec<Option<usize>> = chosen.iter().map(|chosen| if *chosen { next.next() } else { None }).collect();
+    let landmarks = solution.landmarks.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(at, _)| *at).collect();
+    (number_of.iter().map(|number| number.and_then(|k| new[k])).collect(), Solution { landmarks, ..solution })
 }
 
 /// The covariance of a landmark where the newest pose is known.

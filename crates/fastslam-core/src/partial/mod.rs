@@ -29,7 +29,7 @@ use crate::error::{Error, Result};
 use crate::filter::{draw_pose, StepInfo};
 use crate::geometry::Pose;
 use crate::limits::LARGEST_STATE;
-use crate::measurement::RangeOnly;
+use crate::measurement::{BearingOnly, RangeOnly};
 use crate::motion::RowPart;
 use crate::random::{Purpose, RandomSource};
 use crate::sighting::Sighting;
@@ -69,6 +69,24 @@ impl PartialSlam<RangeOnly, 1> {
     pub fn range_only(config: Config) -> Result<Self> {
         let model = RangeOnly { range_std_m: config.sensor.range_std_m };
         Self::learning(config, model)
+    }
+}
+
+impl PartialSlam<BearingOnly, 1> {
+    /// A filter on bearings alone, at the configured initial pose with an empty map. Landmarks lie within the configured
+    /// limits of the range.
+    ///
+    /// **Errors:** as [`PartialSlam::range_only`].
+    pub fn bearing_only(config: Config) -> Result<Self> {
+        let sensor = &config.sensor;
+        let (nearest_m, farthest_m) = (sensor.min_range_m, sensor.max_range_m);
+        if nearest_m > farthest_m {
+            let expected = format!("at most sensor.max_range_m = {farthest_m}");
+            return Err(Error::parameter("sensor.min_range_m", nearest_m, expected));
+        }
+        let model = BearingOnly { bearing_std_rad: sensor.bearing_std_rad, nearest_m, farthest_m };
+        let mean = Calibration { scale: 1.0, bias: sensor.bearing_bias_rad };
+        Self::with_sensor(config, model, Prior { mean, std: [0.0; 2] })
     }
 }
 

@@ -103,6 +103,11 @@ impl<const Z: usize, M: Observation<Z, 2>> Sensing<Z> for M {
         Observation::noise(self)
     }
 
+    fn columns(&self) -> [usize; Z] {
+        let bearing_alone = Z == 1 && self.components()[0].name == "bearing";
+        std::array::from_fn(|i| i + usize::from(bearing_alone))
+    }
+
     fn distance(&self, measured: &[f64; Z]) -> Option<f64> {
         self.components().iter().position(|component| component.name == "range").map(|i| measured[i])
     }
