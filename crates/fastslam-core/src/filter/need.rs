@@ -12,6 +12,10 @@ const BUDGET: f64 = 2.0;
 const FEWEST_PARTICLES: usize = 100;
 /// Suspects that make a draw worth while: three pairs that fit are sure, one says nothing.
 const SUSPECTS: u32 = 3;
+/// So many say that a part of the map is being made a second time, and a draw may cost more.
+const MANY_SUSPECTS: u32 = 15;
+/// Work that all draws may take together then, in terms of that of the filter.
+const OVERDRAFT: f64 = 6.0;
 
 /// What the decision when to draw needs to remember.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -81,7 +85,11 @@ impl Need {
 
     /// Whether a draw now is within the budget.
     pub fn is_affordable(&self) -> bool {
-        self.work_of_draws + self.work_per_step * self.drift.steps() as f64 <= BUDGET * self.work_of_filter
+        self.costs_within(BUDGET)
+    }
+
+    fn costs_within(&self, budget: f64) -> bool {
+        self.work_of_draws + self.work_per_step * self.drift.steps() as f64 <= budget * self.work_of_filter
     }
 
     /// The covariance of where an old landmark lies relative to the robot, if nothing but odometry related the two since
@@ -93,6 +101,29 @@ impl Need {
 
     /// Whether enough suspects ask for a draw that can be paid.
     pub fn asks(&self) -> bool {
-        self.suspects >= self.enough && self.is_affordable()
+        let many = self.suspects >= MANY_SUSPECTS && self.costs_within(OVERDRAFT);
+        self.suspects >= self.enough && (self.is_affordable() || many)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// After a draw that cost so many times what the filter had done.
+    fn after_a_draw(cost: f64) -> Need {
+        let mut need = Need::new(Pose::default());
+        need.scanned(9, 100);
+        let path = Trajectory { start: Pose::default(), poses: Vec::new() };
+        need.drawn(cost * need.work_of_filter, &[[1, 0]], (&History::new(100), &path));
+        need
+    }
+
+    #[test]
+    fn a_few_suspects_ask_within_the_budget_and_many_beyond_it() {
+        let asks = |cost: f64, suspects: u32| Need { suspects, ..after_a_draw(cost) }.asks();
+        assert!(asks(0.5 * BUDGET, SUSPECTS) && !asks(0.5 * BUDGET, SUSPECTS - 1));
+        assert!(!asks(1.5 * BUDGET, SUSPECTS) && asks(1.5 * BUDGET, MANY_SUSPECTS));
+        assert!(!asks(1.5 * OVERDRAFT, MANY_SUSPECTS));
     }
 }
