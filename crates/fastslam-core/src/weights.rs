@@ -47,6 +47,14 @@ impl Weights {
         self.log_mean = maximum + math::ln(sum / log_weight.len() as f64);
         Ok(())
     }
+
+    /// Equal weights of so many particles, as after resampling.
+    pub fn restart(&mut self, count: usize) {
+        self.values.clear();
+        self.values.resize(count, 1.0 / count as f64);
+        self.effective_sample_size = count as f64;
+        self.log_mean = 0.0;
+    }
 }
 
 #[cfg(test)]

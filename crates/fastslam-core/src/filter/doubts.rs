@@ -9,12 +9,14 @@
 //!
 //! All draws together are allowed twice the work of the filter itself, counted by sizes, not by the clock.
 
+use super::beliefs::Beliefs;
 use super::need::Need;
-use super::scan::ScanSighting;
-use super::FastSlam;
-use crate::association::{area_m2, disagreement_m2, CandidateTable, GATE};
-use crate::config::Algorithm;
+use super::settings::Algorithm;
+use super::setup::Setup;
+use super::state::{Maps, Rejuvenation, State};
+use crate::association::{area_m2, disagreement_m2, CandidateTable, ScanSighting, GATE};
 use crate::geometry::Pose;
+use crate::landmark::column;
 use crate::measurement::MeasurementModel;
 
 /// A landmark is ambiguous where so many others are expected within the region (99 %) in which it may lie.
@@ -24,7 +26,7 @@ const MOST_RIVALS: f64 = 0.05;
 const MOST_GATES: f64 = 4.0;
 
 /// An old landmark whose place odometry alone does not know well enough.
-struct Doubt {
+pub(super) struct Doubt {
     candidate: u32,
     /// Landmarks around, per square metre.
     density: f64,
@@ -34,112 +36,121 @@ struct Doubt {
     ago: usize,
 }
 
-impl<M: MeasurementModel> FastSlam<M> {
-    /// Takes the landmarks from the candidates that no particle can tell from others; what they explain founds landmarks,
-    /// which a draw joins with them if the evidence says so. Returns whether a draw is needed first.
-    pub(super) fn leave_ambiguous_to_draws(&mut self, table: &mut CandidateTable, may_draw: bool) -> bool {
-        let doubts = self.doubts(table);
-        if doubts.is_empty() {
-            return false;
-        }
-        if may_draw && self.settings.config.algorithm == Algorithm::Fastslam2 && self.has_forgotten(&doubts) {
-            return true;
-        }
-        let [x, y, heading, ..] = self.work.beliefs.outline();
-        let mut ambiguous = vec![false; table.slots.len()];
-        for doubt in doubts {
-            let area_m2 = disagreement_m2([x, y, heading], &table.rows(doubt.candidate)).unwrap_or(0.0);
-            ambiguous[doubt.candidate as usize] = self.is_ambiguous(area_m2, doubt.density, doubt.gate_m2);
-        }
-        table.of_sighting.iter_mut().for_each(|found| found.retain(|c| !ambiguous[*c as usize]));
-        false
+/// Candidates that odometry alone cannot tell from others; none where paths are not drawn by need.
+pub(super) fn about<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, table: &CandidateTable) -> Vec<Doubt> {
+    Knowledge::of(setup, state).map_or(Vec::new(), |mut knowledge| knowledge.doubts(table))
+}
+
+/// Whether a draw is needed first, since the particles go back to one at the half of the way since some of these
+/// landmarks were seen, and to one at the last draw.
+pub(super) fn ask_for_draw<M>(setup: &Setup<M>, state: &State, doubts: &[Doubt]) -> bool {
+    let Some(rejuvenation) = &state.rejuvenation else { return false };
+    let Some(need) = rejuvenation.need.as_ref().filter(|need| need.is_affordable()) else { return false };
+    let Some(longest) = doubts.iter().map(|doubt| doubt.ago).max() else { return false };
+    let since_draw = need.drift.steps() - rejuvenation.last.min(need.drift.steps());
+    let back = (longest / 2).min(since_draw);
+    setup.settings.config.algorithm == Algorithm::Fastslam2
+        && rejuvenation.history.is_between_steps()
+        && state.path.distinct_ancestors(back) < 2
+}
+
+/// Takes the landmarks from the candidates that no particle can tell from others; what they explain founds landmarks,
+/// which a draw joins with them if the evidence says so.
+pub(super) fn strike_out(doubts: &[Doubt], beliefs: &Beliefs, table: &mut CandidateTable) {
+    if doubts.is_empty() {
+        return;
+    }
+    let [x, y, heading, ..] = beliefs.outline();
+    let mut ambiguous = vec![false; table.slots.len()];
+    for doubt in doubts {
+        let area_m2 = disagreement_m2([x, y, heading], &table.rows(doubt.candidate)).unwrap_or(0.0);
+        ambiguous[doubt.candidate as usize] = is_ambiguous(area_m2, doubt.density, doubt.gate_m2);
+    }
+    table.of_sighting.iter_mut().for_each(|found| found.retain(|c| !ambiguous[*c as usize]));
+}
+
+/// Takes note of what the best particle sighted and founded in a scan.
+pub(super) fn note_need<M: MeasurementModel>(
+    setup: &Setup<M>,
+    state: &mut State,
+    scan: &[ScanSighting],
+    matched: &[u32],
+    founded: &[u32],
+) {
+    let Some(mut knowledge) = Knowledge::of(setup, state) else { return };
+    let suspects = founded.iter().filter(|slot| knowledge.is_suspect(**slot)).count();
+    let State { rejuvenation, landmarks, particles, given, .. } = state;
+    let Some(need) = rejuvenation.as_mut().and_then(|rejuvenation| rejuvenation.need.as_mut()) else { return };
+    need.scanned(scan.len(), particles.len());
+    need.suspects += suspects as u32;
+    for slot in matched.iter().chain(founded) {
+        need.sighted(given.clan(landmarks.birth(*slot)) as u32);
+    }
+}
+
+/// Whether a landmark that may lie anywhere in an area is one of several, and most particles look beside it.
+fn is_ambiguous(area_m2: f64, density: f64, sensor_m2: f64) -> bool {
+    area_m2 > MOST_GATES * sensor_m2 && area_m2 * density > MOST_RIVALS
+}
+
+/// The maps with what is known of how far odometry may be off.
+struct Knowledge<'a, M> {
+    setup: &'a Setup<M>,
+    maps: Maps<'a>,
+    need: &'a Need,
+}
+
+impl<'a, M: MeasurementModel> Knowledge<'a, M> {
+    /// Where paths are drawn by need.
+    fn of(setup: &'a Setup<M>, state: &'a mut State) -> Option<Self> {
+        let State { rejuvenation, particles, landmarks, given, .. } = state;
+        let Rejuvenation { need, .. } = rejuvenation.as_ref()?;
+        Some(Self { setup, maps: Maps { particles, landmarks, given }, need: need.as_ref()? })
     }
 
-    /// Whether the particles go back to one at the half of the way since some of these landmarks were seen, and to one at
-    /// the last draw.
-    fn has_forgotten(&self, doubts: &[Doubt]) -> bool {
-        let Some(rejuvenation) = &self.state.rejuvenation else { return false };
-        let Some(need) = rejuvenation.need.as_ref().filter(|need| need.is_affordable()) else { return false };
-        let longest = doubts.iter().map(|doubt| doubt.ago).max().unwrap_or(0);
-        let since_draw = need.drift.steps() - rejuvenation.last.min(need.drift.steps());
-        let back = (longest / 2).min(since_draw);
-        rejuvenation.history.is_between_steps() && self.state.path.distinct_ancestors(back) < 2
-    }
-
-    /// Whether a landmark that may lie anywhere in an area is one of several, and most particles look beside it.
-    fn is_ambiguous(&self, area_m2: f64, density: f64, sensor_m2: f64) -> bool {
-        area_m2 > MOST_GATES * sensor_m2 && area_m2 * density > MOST_RIVALS
-    }
-
-    /// Area in which a particle looks for a landmark that it expects here, square metres.
-    fn gate_m2(&self, at: [f64; 2], from: Pose) -> f64 {
-        let range_m = (at[0] - from.x).hypot(at[1] - from.y);
-        let noise = self.models.measurement.noise_covariance();
-        let exponent = self.settings.config.filter.likelihood_exponent;
-        area_m2(noise.xx * noise.yy) * range_m / exponent
-    }
-
-    /// Candidates that odometry alone cannot tell from others.
     fn doubts(&mut self, table: &CandidateTable) -> Vec<Doubt> {
-        let Some(rejuvenation) = self.state.rejuvenation.take() else { return Vec::new() };
+        let Maps { particles, landmarks, given } = &mut self.maps;
+        let best = particles.best();
+        let (known, pose) = (particles.landmarks[best] as usize, particles.pose(best));
         let mut doubts = Vec::new();
-        if let Some(need) = &rejuvenation.need {
-            let best = self.state.particles.best();
-            let known = self.state.particles.landmarks[best] as usize;
-            for (candidate, &slot) in table.slots.iter().enumerate() {
-                let candidate = candidate as u32;
-                let birth = self.state.landmarks.birth(slot);
-                if self.state.given.is_sure(birth) {
-                    continue;
-                }
-                let Some(at) = table.gaussian(candidate, best).map(|g| g.mean) else { continue };
-                let (covariance, ago) = need.relation(self.state.given.clan(birth), at);
-                let area_m2 = area_m2(covariance.determinant());
-                let gate_m2 = self.gate_m2(at, self.state.particles.pose(best));
-                if !self.is_ambiguous(area_m2, f64::INFINITY, gate_m2) {
-                    continue;
-                }
-                let density = self.state.landmarks.density((best, known), at, area_m2.sqrt());
-                if self.is_ambiguous(area_m2, density, gate_m2) {
-                    doubts.push(Doubt { candidate, density, gate_m2, ago });
-                }
+        for (candidate, &slot) in table.slots.iter().enumerate() {
+            let (candidate, birth) = (candidate as u32, landmarks.birth(slot));
+            if given.is_sure(birth) {
+                continue;
+            }
+            let Some(at) = table.gaussian(candidate, best).map(|g| g.mean) else { continue };
+            let (covariance, ago) = self.need.relation(given.clan(birth), at);
+            let area_m2 = area_m2(covariance.determinant());
+            let gate_m2 = gate_m2(self.setup, at, pose);
+            if !is_ambiguous(area_m2, f64::INFINITY, gate_m2) {
+                continue;
+            }
+            let density = landmarks.density((best, known), at, area_m2.sqrt());
+            if is_ambiguous(area_m2, density, gate_m2) {
+                doubts.push(Doubt { candidate, density, gate_m2, ago });
             }
         }
-        self.state.rejuvenation = Some(rejuvenation);
         doubts
     }
 
-    /// Takes note of what the best particle sighted and founded in a scan.
-    pub(super) fn note_need(&mut self, scan: &[ScanSighting], matched: &[u32], founded: &[u32]) {
-        let Some(mut rejuvenation) = self.state.rejuvenation.take() else { return };
-        if let Some(need) = &mut rejuvenation.need {
-            need.scanned(scan.len(), self.state.particles.len());
-            for &slot in founded {
-                need.suspects += u32::from(self.is_suspect(need, slot));
-            }
-            for slot in matched.iter().chain(founded) {
-                need.sighted(self.state.given.clan(self.state.landmarks.birth(*slot)) as u32);
-            }
-        }
-        self.state.rejuvenation = Some(rejuvenation);
-    }
-
     /// Whether an older landmark may lie where this one was founded.
-    fn is_suspect(&mut self, need: &Need, founded: u32) -> bool {
-        let best = self.state.particles.best();
-        let mut row = vec![0.0; self.state.landmarks.columns()];
-        if !self.state.landmarks.read_row(founded, best, &mut row) {
+    fn is_suspect(&mut self, founded: u32) -> bool {
+        let Maps { particles, landmarks, given } = &mut self.maps;
+        let (best, need) = (particles.best(), self.need);
+        let mut row = vec![0.0; landmarks.columns()];
+        if !landmarks.read_row(founded, best, &mut row) {
             return false;
         }
-        let at = [row[crate::landmark::column::MEAN_X], row[crate::landmark::column::MEAN_Y]];
-        let birth = self.state.landmarks.birth(founded);
-        let sensor = self.models.measurement.noise_covariance().scaled(2.0);
-        let tolerance = sensor.xx.max(sensor.yy * self.settings.config.sensor.max_range_m.powi(2));
+        let at = [row[column::MEAN_X], row[column::MEAN_Y]];
+        let birth = landmarks.birth(founded);
+        let sensor = self.setup.models.measurement.noise_covariance().scaled(2.0);
+        let max_range_m = self.setup.settings.config.sensor.max_range_m;
+        let tolerance = sensor.xx.max(sensor.yy * max_range_m.powi(2));
         let farthest = need.drift.of_place(at, 0).largest_eigenvalue() + tolerance;
-        let reach_m = (GATE * farthest).sqrt().min(self.settings.config.sensor.max_range_m);
-        let near = self.state.landmarks.places_near(best, at, reach_m);
+        let reach_m = (GATE * farthest).sqrt().min(max_range_m);
+        let near = landmarks.places_near(best, at, reach_m);
         near.into_iter().any(|(slot, place)| {
-            let older = self.state.given.clan(self.state.landmarks.birth(slot));
+            let older = given.clan(landmarks.birth(slot));
             if older >= birth || need.last_seen.get(older as usize).is_some_and(|s| *s as usize >= need.drift.steps()) {
                 return false;
             }
@@ -150,4 +161,12 @@ impl<M: MeasurementModel> FastSlam<M> {
             distance <= GATE
         })
     }
+}
+
+/// Area in which a particle looks for a landmark that it expects here, square metres.
+fn gate_m2<M: MeasurementModel>(setup: &Setup<M>, at: [f64; 2], from: Pose) -> f64 {
+    let range_m = (at[0] - from.x).hypot(at[1] - from.y);
+    let noise = setup.models.measurement.noise_covariance();
+    let exponent = setup.settings.config.filter.likelihood_exponent;
+    area_m2(noise.xx * noise.yy) * range_m / exponent
 }

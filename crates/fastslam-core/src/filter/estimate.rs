@@ -1,13 +1,17 @@
 //! What the particles say together: the pose and the map, with the uncertainty of the whole mixture.
 
+use super::beliefs::Beliefs;
 use super::existence::is_confirmed;
-use super::{mixture, FastSlam, GivenUse, Particles};
+use super::given::GivenUse;
+use super::landmarks::Landmarks;
+use super::particles::{mixture, Particles};
+use super::setup::Settings;
+use super::state::State;
 use crate::association::Appearance;
 use crate::gaussian::Gaussian;
 use crate::geometry::{Pose, Symmetric2};
 use crate::given::Role;
 use crate::landmark::{column, gaussian_in};
-use crate::measurement::MeasurementModel;
 use crate::store::Rows;
 use crate::vector::vectorized;
 
@@ -39,108 +43,81 @@ pub struct MapEstimate {
     pub landmarks: Vec<MapLandmark>,
 }
 
-impl<M: MeasurementModel> FastSlam<M> {
-    /// The pose as the particles stand.
-    pub(super) fn estimate_particles(&mut self) {
-        let weights = &self.state.weights.values;
-        let n = weights.len();
-        let Particles { x, y, heading, .. } = &self.state.particles;
-        let (x, y, heading) = (&x[..n], &y[..n], &heading[..n]);
-        self.state.estimate = vectorized(
-            #[inline(always)]
-            || {
-                mixture(
-                    weights,
-                    #[inline(always)]
-                    |i| (Pose::new(x[i], y[i], heading[i]), [[0.0; 3]; 3]),
-                )
-            },
-        );
-    }
+/// The pose as the particles stand.
+pub(super) fn estimate_particles(state: &mut State) {
+    let weights = &state.weights.values;
+    let n = weights.len();
+    let Particles { x, y, heading, .. } = &state.particles;
+    let (x, y, heading) = (&x[..n], &y[..n], &heading[..n]);
+    state.estimate = vectorized(
+        #[inline(always)]
+        || {
+            mixture(
+                weights,
+                #[inline(always)]
+                |i| (Pose::new(x[i], y[i], heading[i]), [[0.0; 3]; 3]),
+            )
+        },
+    );
+}
 
-    /// The pose with the motion since the last sampling.
-    pub(super) fn estimate_beliefs(&mut self) {
-        self.believe();
-        self.estimate_from_beliefs();
-    }
+/// The pose as the beliefs have it.
+pub(super) fn estimate_beliefs(state: &mut State, beliefs: &Beliefs) {
+    state.estimate = beliefs.mixture(&state.weights.values);
+}
 
-    /// The pose as the beliefs have it.
-    pub(super) fn estimate_from_beliefs(&mut self) {
-        self.state.estimate = self.work.beliefs.mixture(&self.state.weights.values);
-    }
+/// The map: the landmarks that the best particle holds, each as the mixture over all particles that hold it.
+pub(super) fn estimate_map(settings: &Settings, state: &mut State) -> MapEstimate {
+    let best = state.particles.best();
+    let slots = state.landmarks.live_slots();
+    MapEstimate { landmarks: slots.into_iter().filter_map(|slot| map_landmark(settings, state, slot, best)).collect() }
+}
 
-    /// Weights are equal after resampling.
-    pub(super) fn restart_weights(&mut self) {
-        let count = self.state.particles.len();
-        self.state.weights.values.clear();
-        self.state.weights.values.resize(count, 1.0 / count as f64);
-        self.state.weights.effective_sample_size = count as f64;
-        self.state.weights.log_mean = 0.0;
+/// A landmark of the map, where the best particle holds it.
+fn map_landmark(settings: &Settings, state: &mut State, slot: u32, best: usize) -> Option<MapLandmark> {
+    let known = state.landmarks.slot(slot)?;
+    let has_names = state.landmarks.columns() > column::IDENTITY;
+    let rows = state.landmarks.read(slot);
+    let sightings = rows.column(column::SIGHTINGS)[best];
+    if sightings == 0.0 {
+        return None;
     }
+    let Gaussian { mean, covariance } = mixture_in(&rows, &state.weights.values)?;
+    let identity = if has_names {
+        let mark = rows.column(column::IDENTITY)[best];
+        (mark > 0.0).then_some((mark - 1.0) as u32)
+    } else {
+        known.identity
+    };
+    let confirmed = identity.is_some() || is_confirmed(settings, state.maps(), slot, sightings);
+    let appearance = appearance_of(state, slot);
+    let (birth, given) = (known.birth, state.given.used(known.birth));
+    // Rows of fixed landmarks count no sightings.
+    let fixed = given.filter(|given| given.role == Role::Fixed).map_or(0, |given| given.sighted);
+    let sightings = sightings as u32 + fixed;
+    Some(MapLandmark { birth, identity, mean, covariance, sightings, confirmed, appearance, given })
+}
 
-    /// The pose now, with the motion since the last update.
-    pub fn predicted_pose(&mut self) -> super::PoseEstimate {
-        self.estimate_beliefs();
-        self.state.estimate
-    }
+/// What a landmark looks like, over the particles that hold it.
+fn appearance_of(state: &mut State, slot: u32) -> Appearance {
+    let rows = state.landmarks.read(slot);
+    let held = state.weights.values.iter().zip(rows.column(column::SIGHTINGS));
+    let weights: Vec<f64> = held.map(|(weight, count)| if *count == 0.0 { 0.0 } else { *weight }).collect();
+    let appearances = state.landmarks.appearances.as_mut();
+    appearances.map_or(Appearance::default(), |appearances| appearances.estimate(slot, &weights))
+}
 
-    /// The map: the landmarks that the best particle holds, each as the mixture over all particles that hold it.
-    pub fn map(&mut self) -> MapEstimate {
-        let best = self.state.particles.best();
-        let slots = self.state.landmarks.live_slots();
-        MapEstimate { landmarks: slots.into_iter().filter_map(|slot| self.map_landmark(slot, best)).collect() }
-    }
-
-    /// A landmark of the map, where the best particle holds it.
-    fn map_landmark(&mut self, slot: u32, best: usize) -> Option<MapLandmark> {
-        let known = self.state.landmarks.slot(slot)?;
-        let rows = self.state.landmarks.read(slot);
-        let sightings = rows.column(column::SIGHTINGS)[best];
-        if sightings == 0.0 {
-            return None;
+/// The landmarks of one particle's own map: slot birth, mean and covariance.
+pub(super) fn map_of(landmarks: &Landmarks, particle: usize) -> Vec<(u64, [f64; 2], Symmetric2)> {
+    let mut row = vec![0.0; landmarks.columns()];
+    let mut map = Vec::new();
+    for slot in landmarks.live_slots() {
+        if landmarks.read_row(slot, particle, &mut row) {
+            let covariance = Symmetric2::new(row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]);
+            map.push((landmarks.birth(slot), [row[column::MEAN_X], row[column::MEAN_Y]], covariance));
         }
-        let Gaussian { mean, covariance } = mixture_in(&rows, &self.state.weights.values)?;
-        let identity = if self.state.landmarks.columns() > column::IDENTITY {
-            let mark = self.state.landmarks.read(slot).column(column::IDENTITY)[best];
-            (mark > 0.0).then_some((mark - 1.0) as u32)
-        } else {
-            known.identity
-        };
-        let confirmed = identity.is_some() || is_confirmed(&self.settings, self.state.maps(), slot, sightings);
-        let appearance = self.appearance_of(slot);
-        let (birth, given) = (known.birth, self.state.given.used(known.birth));
-        // Rows of fixed landmarks count no sightings.
-        let fixed = given.filter(|given| given.role == Role::Fixed).map_or(0, |given| given.sighted);
-        let sightings = sightings as u32 + fixed;
-        Some(MapLandmark { birth, identity, mean, covariance, sightings, confirmed, appearance, given })
     }
-
-    /// What a landmark looks like, over the particles that hold it.
-    fn appearance_of(&mut self, slot: u32) -> Appearance {
-        let rows = self.state.landmarks.read(slot);
-        let held = self.state.weights.values.iter().zip(rows.column(column::SIGHTINGS));
-        let weights: Vec<f64> = held.map(|(weight, count)| if *count == 0.0 { 0.0 } else { *weight }).collect();
-        let appearances = self.state.landmarks.appearances.as_mut();
-        appearances.map_or(Appearance::default(), |appearances| appearances.estimate(slot, &weights))
-    }
-
-    /// The landmarks of one particle's own map: slot birth, mean and covariance.
-    pub fn map_of(&self, particle: usize) -> Vec<(u64, [f64; 2], Symmetric2)> {
-        let mut row = vec![0.0; self.state.landmarks.columns()];
-        let mut map = Vec::new();
-        for slot in self.state.landmarks.live_slots() {
-            if self.state.landmarks.read_row(slot, particle, &mut row) {
-                let covariance = Symmetric2::new(row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]);
-                map.push((self.state.landmarks.birth(slot), [row[column::MEAN_X], row[column::MEAN_Y]], covariance));
-            }
-        }
-        map
-    }
-
-    /// The smoothed path of the particle that explains the log best: stamps and `T_world_robot`.
-    pub fn best_path(&self) -> Vec<(f64, Pose)> {
-        self.state.path.path(self.state.particles.best())
-    }
+    map
 }
 
 /// A landmark as the weighted mixture of what the particles that hold it have; `None` where these have no weight.

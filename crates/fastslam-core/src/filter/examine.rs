@@ -1,10 +1,11 @@
 //! Looks at some scans before the filter uses them: what it predicted of their sightings, and what came.
 
-use super::scan::ScanSighting;
-use super::work::{Examination, Pair, Prediction, SUBSET};
-use super::FastSlam;
-use crate::association::{by_robot_pose, Box2, CandidateTable, Decision};
-use crate::config::Algorithm;
+use super::landmarks::Landmarks;
+use super::settings::Algorithm;
+use super::setup::Setup;
+use super::state::State;
+use super::work::{Examination, Pair, Prediction, Work, SUBSET};
+use crate::association::{by_robot_pose, Box2, Decision, Identities, ScanSighting};
 use crate::diagnosis::innovations::{PredictedScan, JOINT_MAX};
 use crate::diagnosis::looks::{InView, MapInView};
 use crate::diagnosis::Returns;
@@ -15,154 +16,175 @@ use crate::measurement::MeasurementModel;
 /// A landmark seen less often than this may be clutter, of which nobody expects to see it again.
 const SIGHTINGS_TO_COUNT: f64 = 3.0;
 
-impl<M: MeasurementModel> FastSlam<M> {
-    /// Examines a scan whose identities are all known.
-    pub(super) fn examine_identified(&mut self, scan: &[ScanSighting]) {
-        let mut matches = std::mem::take(&mut self.work.matches);
-        matches.clear();
-        let known = scan.iter().filter_map(|sighting| Some((sighting, self.known_slot(sighting)?)));
-        matches.extend(known.map(|(sighting, slot)| (sighting.measured.value, self.state.landmarks.birth(slot))));
-        self.state.diagnosis.watch.matched(matches.iter().copied(), scan.len());
-        self.work.matches = matches;
-        if !self.state.diagnosis.watch.examines() || self.work.matches.is_empty() {
-            return;
-        }
-        let mut examination = std::mem::take(&mut self.work.examination);
-        let Examination { known, particles, pairs, .. } = &mut examination;
-        known.clear();
-        known.extend(scan.iter().enumerate().filter_map(|(j, sighting)| Some((j, self.known_slot(sighting)?))));
-        self.choose_subset(particles);
-        pairs.clear();
-        for place in spread(known.len(), self.state.diagnosis.watch.examinations()) {
-            let (j, slot) = known[place];
-            let rows = self.state.landmarks.read(slot);
-            pairs.push((scan[j].measured, of_subset(particles, |i| gaussian_in(&rows, i))));
-        }
-        self.examine(&mut examination);
-        self.work.examination = examination;
+/// Looks at what the filter predicted of the sightings of a scan, and at what came, before poses and maps change.
+///
+/// What the particles decided is looked at as the one has it that explains all best, the scan included; names are
+/// known before.
+pub(super) fn examine<M: MeasurementModel>(
+    setup: &Setup<M>,
+    state: &mut State,
+    work: &mut Work,
+    scan: &[ScanSighting],
+) {
+    if setup.settings.identities == Identities::All {
+        examine_named(setup, state, work, scan);
+    } else {
+        let best = state.particles.best_with(&work.log_likelihood);
+        examine_decided(setup, state, work, scan, best);
     }
+}
 
-    /// Examines a scan after the particles decided what it shows, before anything else changed.
-    pub(super) fn examine_decided(&mut self, scan: &[ScanSighting], decisions: &[Decision], table: &CandidateTable) {
-        let of = |particle: usize| &decisions[particle * scan.len()..(particle + 1) * scan.len()];
-        let best = of(self.state.particles.best());
-        let known = best.iter().enumerate().filter_map(|(j, decision)| match decision {
-            Decision::Landmark(candidate) => Some((j, *candidate)),
-            _ => None,
-        });
-        let birth = |candidate: u32| self.state.landmarks.birth(table.slots[candidate as usize]);
-        let mut matches = std::mem::take(&mut self.work.matches);
-        matches.clear();
-        matches.extend(known.clone().map(|(j, candidate)| (scan[j].measured.value, birth(candidate))));
-        self.state.diagnosis.watch.matched(matches.iter().copied(), scan.len());
-        self.work.matches = matches;
-        if !self.state.diagnosis.watch.examines() || scan.is_empty() {
-            return;
-        }
-        let mut examination = std::mem::take(&mut self.work.examination);
-        examination.known.clear();
-        examination.known.extend(known);
-        self.look_at_map(&mut examination, |candidate| table.slots[candidate as usize]);
-        if !examination.known.is_empty() {
-            let Examination { known, particles, pairs, .. } = &mut examination;
-            let chosen = || spread(known.len(), self.state.diagnosis.watch.examinations()).map(|place| known[place]);
-            self.choose_subset(particles);
-            particles.retain(|i| chosen().all(|(j, candidate)| of(*i)[j] == Decision::Landmark(candidate)));
-            let landmarks = |candidate| of_subset(particles, |i| table.gaussian(candidate, i));
-            pairs.clear();
-            pairs.extend(chosen().map(|(j, candidate)| (scan[j].measured, landmarks(candidate))));
-            self.examine(&mut examination);
-        }
-        self.work.examination = examination;
+/// Examines a scan whose sightings all name their landmark.
+fn examine_named<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
+    let Work { matches, examination, associating, .. } = work;
+    let Examination { known, particles, pairs, .. } = examination;
+    known.clear();
+    known.extend(associating.named.iter().enumerate().filter_map(|(j, slot)| Some((j, (*slot)?))));
+    matches.clear();
+    matches.extend(known.iter().map(|(j, slot)| (scan[*j].measured.value, state.landmarks.birth(*slot))));
+    state.diagnosis.watch.matched(matches.iter().copied(), scan.len());
+    if !state.diagnosis.watch.examines() || known.is_empty() {
+        return;
     }
+    choose_subset(state.particles.len(), particles);
+    pairs.clear();
+    for place in spread(known.len(), state.diagnosis.watch.examinations()) {
+        let (j, slot) = known[place];
+        let rows = state.landmarks.read(slot);
+        pairs.push((scan[j].measured, of_subset(particles, |i| gaussian_in(&rows, i))));
+    }
+    score(setup, state, examination, state.particles.best());
+}
 
-    /// Counts the landmarks of the best particle's map that the scan should have shown, and those that it did.
-    fn look_at_map(&mut self, examination: &mut Examination, slot_of: impl Fn(u32) -> u32) {
-        let Examination { known, in_reach, row, .. } = examination;
-        let best = self.state.particles.best();
-        let (view, pose) = (self.state.diagnosis.watch.view(), self.work.beliefs.get(best).mean);
-        if !self.state.diagnosis.watch.looks_from(pose) {
-            return;
-        }
-        let sensor = pose.compose(self.models.T_robot_sensor);
-        let mut region = Box2::EMPTY;
-        region.include([sensor.x, sensor.y], view.far_m);
-        in_reach.clear();
-        self.state.landmarks.find(&region, in_reach);
-        row.resize(self.state.landmarks.columns(), 0.0);
-        let mut in_view = MapInView::default();
-        for &slot in &*in_reach {
-            if !self.state.landmarks.read_row(slot, best, row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
-                continue;
-            }
-            if view.contains(pose, [row[column::MEAN_X], row[column::MEAN_Y]]) {
-                let sighted = known.iter().any(|(_, candidate)| slot_of(*candidate) == slot);
-                self.state
-                    .diagnosis
-                    .watch
-                    .looked(&mut in_view, InView { birth: self.state.landmarks.birth(slot), sighted });
-            }
-        }
-        self.work.map_in_view = Some(in_view);
+/// Examines a scan after the particles decided what it shows.
+fn examine_decided<M: MeasurementModel>(
+    setup: &Setup<M>,
+    state: &mut State,
+    work: &mut Work,
+    scan: &[ScanSighting],
+    best: usize,
+) {
+    let Work { matches, examination, associating, .. } = &mut *work;
+    let claims = associating.claims(scan);
+    let known = claims.of(best).iter().enumerate().filter_map(|(j, decision)| match decision {
+        Decision::Landmark(candidate) => Some((j, *candidate)),
+        _ => None,
+    });
+    examination.known.clear();
+    examination.known.extend(known);
+    matches.clear();
+    let birth = |candidate: u32| state.landmarks.birth(claims.table.slots[candidate as usize]);
+    matches.extend(examination.known.iter().map(|(j, candidate)| (scan[*j].measured.value, birth(*candidate))));
+    state.diagnosis.watch.matched(matches.iter().copied(), scan.len());
+    if !state.diagnosis.watch.examines() || scan.is_empty() {
+        return;
     }
+    look_at_map(setup, state, work, best);
+    let (examination, claims) = (&mut work.examination, work.associating.claims(scan));
+    let Examination { known, particles, pairs, .. } = examination;
+    if known.is_empty() {
+        return;
+    }
+    let chosen = || spread(known.len(), state.diagnosis.watch.examinations()).map(|place| known[place]);
+    choose_subset(state.particles.len(), particles);
+    particles.retain(|i| chosen().all(|(j, candidate)| claims.of(*i)[j] == Decision::Landmark(candidate)));
+    let landmarks = |candidate| of_subset(particles, |i| claims.table.gaussian(candidate, i));
+    pairs.clear();
+    pairs.extend(chosen().map(|(j, candidate)| (scan[j].measured, landmarks(candidate))));
+    score(setup, state, examination, best);
+}
 
-    /// What came of the returns to the landmarks of the best particle's map that are no clutter.
-    pub fn returns(&self) -> Returns {
-        let best = self.state.particles.best();
-        let mut row = vec![0.0; self.state.landmarks.columns()];
-        let known = self.state.landmarks.live_slots().into_iter().filter(|slot| {
-            self.state.landmarks.read_row(*slot, best, &mut row) && row[column::SIGHTINGS] >= SIGHTINGS_TO_COUNT
-        });
-        self.state.diagnosis.watch.returns(known.map(|slot| self.state.landmarks.birth(slot)))
+/// Counts the landmarks of the best particle's map that the scan should have shown, and those that it did.
+fn look_at_map<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, best: usize) {
+    let Work { examination, associating, beliefs, map_in_view, .. } = work;
+    let Examination { known, in_reach, row, .. } = examination;
+    let State { landmarks, diagnosis, .. } = state;
+    let (view, pose) = (diagnosis.watch.view(), beliefs.get(best).mean);
+    if !diagnosis.watch.looks_from(pose) {
+        return;
     }
-
-    /// Some particles, evenly spaced.
-    fn choose_subset(&self, particles: &mut Vec<usize>) {
-        let count = self.state.particles.len();
-        let size = count.min(SUBSET);
-        particles.clear();
-        particles.extend((0..size).map(|k| k * count / size));
-    }
-
-    /// Scores sightings (value and noise) of landmarks, given as each particle of the subset has them.
-    fn examine(&mut self, examination: &mut Examination) {
-        let Examination { particles, pairs, predictions, .. } = examination;
-        predictions.clear();
-        predictions.extend(particles.iter().enumerate().filter_map(|(row, i)| self.prediction(*i, row, pairs)));
-        if let Some(mut scan) = mixture(predictions) {
-            let heading = self.belief_of(self.state.particles.best()).mean.heading;
-            scan.motion = self.state.motions.since_scan.covariances_in_world(heading);
-            self.state.diagnosis.watch.noise.add(&scan);
+    let sensor = pose.compose(setup.models.T_robot_sensor);
+    let mut region = Box2::EMPTY;
+    region.include([sensor.x, sensor.y], view.far_m);
+    in_reach.clear();
+    landmarks.find(&region, in_reach);
+    row.resize(landmarks.columns(), 0.0);
+    let mut in_view = MapInView::default();
+    for &slot in &*in_reach {
+        if !landmarks.read_row(slot, best, row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
+            continue;
+        }
+        if view.contains(pose, [row[column::MEAN_X], row[column::MEAN_Y]]) {
+            let sighted = known.iter().any(|(_, candidate)| associating.table.slots[*candidate as usize] == slot);
+            diagnosis.watch.looked(&mut in_view, InView { birth: landmarks.birth(slot), sighted });
         }
     }
+    *map_in_view = Some(in_view);
+}
 
-    /// What one particle predicts; `None` where it lacks a landmark or has no weight.
-    fn prediction(&self, particle: usize, row: usize, pairs: &[Pair]) -> Option<Prediction> {
-        let weight = self.state.weights.values[particle];
-        let belief = self.belief_of(particle);
-        let sensor = belief.mean.compose(self.models.T_robot_sensor);
-        let mut scan = PredictedScan { size: 2 * pairs.len(), ..PredictedScan::default() };
-        for (j, (measured, landmarks)) in pairs.iter().enumerate() {
-            let landmark = landmarks[row]?;
-            let linear = self.models.measurement.linearize(sensor, landmark.mean);
-            let rows = by_robot_pose(linear.by_pose, belief.mean, sensor);
-            let innovation = self.models.measurement.innovation(measured.value, linear.expected);
-            let q = innovation_covariance(linear.by_landmark, landmark.covariance, measured.noise);
-            let Symmetric2 { xx, xy, yy } = q;
-            let block = [[xx, xy], [xy, yy]];
-            for c in 0..2 {
-                scan.by_pose[2 * j + c] = rows[c];
-                scan.innovation[2 * j + c] = innovation[c];
-                scan.covariance[2 * j + c][2 * j..2 * j + 2].copy_from_slice(&block[c]);
-            }
-            (scan.noise[2 * j], scan.noise[2 * j + 1]) = (measured.noise.xx, measured.noise.yy);
-        }
-        // In FastSLAM 1.0 the spread of the particles holds what their motion added.
-        if self.settings.config.algorithm != Algorithm::Fastslam1 {
-            scan.add_uncertain_pose(&belief.covariance);
-        }
-        (weight > 0.0).then_some(Prediction { weight, scan })
+/// What came of the returns to the landmarks of the best particle's map that are no clutter.
+pub(super) fn returns(state: &State) -> Returns {
+    let best = state.particles.best();
+    let landmarks: &Landmarks = &state.landmarks;
+    let mut row = vec![0.0; landmarks.columns()];
+    let known = landmarks
+        .live_slots()
+        .into_iter()
+        .filter(|slot| landmarks.read_row(*slot, best, &mut row) && row[column::SIGHTINGS] >= SIGHTINGS_TO_COUNT);
+    state.diagnosis.watch.returns(known.map(|slot| landmarks.birth(slot)))
+}
+
+/// Some of so many particles, evenly spaced.
+fn choose_subset(count: usize, particles: &mut Vec<usize>) {
+    let size = count.min(SUBSET);
+    particles.clear();
+    particles.extend((0..size).map(|k| k * count / size));
+}
+
+/// Scores sightings (value and noise) of landmarks, given as each particle of the subset has them.
+fn score<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, examination: &mut Examination, best: usize) {
+    let Examination { particles, pairs, predictions, .. } = examination;
+    predictions.clear();
+    predictions.extend(particles.iter().enumerate().filter_map(|(row, i)| prediction(setup, state, (*i, row), pairs)));
+    if let Some(mut scan) = mixture(predictions) {
+        let heading = state.belief_of(setup.settings.config.algorithm, best).mean.heading;
+        scan.motion = state.motions.since_scan.covariances_in_world(heading);
+        state.diagnosis.watch.noise.add(&scan);
     }
+}
+
+/// What one particle predicts; `None` where it lacks a landmark or has no weight.
+fn prediction<M: MeasurementModel>(
+    setup: &Setup<M>,
+    state: &State,
+    (particle, row): (usize, usize),
+    pairs: &[Pair],
+) -> Option<Prediction> {
+    let (model, algorithm) = (&setup.models.measurement, setup.settings.config.algorithm);
+    let weight = state.weights.values[particle];
+    let belief = state.belief_of(algorithm, particle);
+    let sensor = belief.mean.compose(setup.models.T_robot_sensor);
+    let mut scan = PredictedScan { size: 2 * pairs.len(), ..PredictedScan::default() };
+    for (j, (measured, landmarks)) in pairs.iter().enumerate() {
+        let landmark = landmarks[row]?;
+        let linear = model.linearize(sensor, landmark.mean);
+        let rows = by_robot_pose(linear.by_pose, belief.mean, sensor);
+        let innovation = model.innovation(measured.value, linear.expected);
+        let q = innovation_covariance(linear.by_landmark, landmark.covariance, measured.noise);
+        let Symmetric2 { xx, xy, yy } = q;
+        let block = [[xx, xy], [xy, yy]];
+        for c in 0..2 {
+            scan.by_pose[2 * j + c] = rows[c];
+            scan.innovation[2 * j + c] = innovation[c];
+            scan.covariance[2 * j + c][2 * j..2 * j + 2].copy_from_slice(&block[c]);
+        }
+        (scan.noise[2 * j], scan.noise[2 * j + 1]) = (measured.noise.xx, measured.noise.yy);
+    }
+    // In FastSLAM 1.0 the spread of the particles holds what their motion added.
+    if algorithm != Algorithm::Fastslam1 {
+        scan.add_uncertain_pose(&belief.covariance);
+    }
+    (weight > 0.0).then_some(Prediction { weight, scan })
 }
 
 /// The landmark of each of these particles.

@@ -2,7 +2,7 @@
 
 use super::appearance::Appearances;
 use super::fading::Fading;
-use crate::association::{Box2, Grid, Identities};
+use crate::association::{Box2, Grid, Identities, ScanSighting};
 use crate::config::Config;
 use crate::gaussian::Gaussian;
 use crate::given::GivenLandmark;
@@ -109,6 +109,11 @@ impl Landmarks {
     /// The slots seen with an identity, oldest first.
     pub fn of_identity(&self, identity: u32) -> &[u32] {
         self.of_identity.get(&identity).map_or(&[], Vec::as_slice)
+    }
+
+    /// The slot of the landmark that a sighting names; `None` when it is new or the sighting has no name.
+    pub fn named(&self, sighting: &ScanSighting) -> Option<u32> {
+        sighting.identity.and_then(|identity| self.of_identity(identity).first().copied())
     }
 
     /// Notes that a slot was seen with an identity.

@@ -7,15 +7,26 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Merger {
     /// In how many scans the best particle sighted two landmarks, named by their births, the lesser one first.
-    pub(super) together: FxHashMap<(u64, u64), u32>,
+    together: FxHashMap<(u64, u64), u32>,
     /// Into which landmark another one went over in some map, by their births.
     pub(super) united: FxHashMap<u64, u64>,
     /// Of the landmarks that the best particle sighted; kept for its memory.
     #[serde(skip)]
-    pub(super) births: Vec<u64>,
+    births: Vec<u64>,
 }
 
 impl Merger {
+    /// Landmarks of these births were sighted together in one more scan.
+    pub fn note_all(&mut self, sighted: impl Iterator<Item = u64>) {
+        let mut births = std::mem::take(&mut self.births);
+        births.clear();
+        births.extend(sighted);
+        for (place, a) in births.iter().enumerate() {
+            births[..place].iter().for_each(|b| self.note(*a, *b, 1));
+        }
+        self.births = births;
+    }
+
     /// They were sighted together in so many more scans.
     pub fn note(&mut self, a: u64, b: u64, scans: u32) {
         if a != b {

@@ -4,13 +4,16 @@
 //! found and reported once. Or one map holds two: given the path their Gaussians are independent, so that their product
 //! is what all sightings together say.
 
-use super::landmarks::EXISTENCE_COLUMNS;
-use super::{FastSlam, Particles, StepInfo};
-use crate::association::{CandidateTable, Decision};
+use super::landmarks::{Landmarks, EXISTENCE_COLUMNS};
+use super::merger::Merger;
+use super::setup::Settings;
+use super::state::{Maps, State};
+use super::work::{Claims, Correcting};
+use crate::association::{Decision, Merging};
 use crate::density::chi_squared_2;
+use crate::diagnosis::health::Watch;
 use crate::gaussian::{distance_squared, product, spread_product, Gaussian};
 use crate::landmark::{column, gaussian_in};
-use crate::measurement::MeasurementModel;
 use crate::smoothing::RARE;
 use crate::store::{Rows, RowsMut};
 
@@ -23,133 +26,146 @@ struct Union {
     fused: Vec<bool>,
 }
 
-impl<M: MeasurementModel> FastSlam<M> {
-    /// Notes which landmarks were sighted together and, from time to time, merges those near the scan's sightings.
-    pub(super) fn merge_duplicates(
-        &mut self,
-        decisions: &[Decision],
-        table: &CandidateTable,
-        first_birth: u64,
-        info: &mut StepInfo,
-    ) {
-        self.note_sighted_together(decisions, table);
-        if !self.state.counters.steps.is_multiple_of(PERIOD) {
-            return;
-        }
-        let mut slots: Vec<u32> =
-            table.slots.iter().copied().chain(self.work.correcting.founded.iter().map(|(_, s)| *s)).collect();
-        slots.retain(|slot| self.state.landmarks.slot(*slot).is_some_and(|s| s.birth < first_birth));
-        slots.sort_unstable_by_key(|slot| self.state.landmarks.birth(*slot));
-        for (place, &younger) in slots.iter().enumerate() {
-            for &older in &slots[..place] {
-                if [older, younger].iter().all(|slot| self.state.landmarks.slot(*slot).is_some()) {
-                    info.changes.merged += self.merge(older, younger);
-                }
-            }
+impl Union {
+    /// Where either happens.
+    fn touched(&self) -> Vec<bool> {
+        self.moved.iter().zip(&self.fused).map(|(moved, fused)| *moved || *fused).collect()
+    }
+}
+
+/// The maps, and who must hear of landmarks that become one.
+pub(super) struct Unions<'a> {
+    settings: &'a Merging,
+    maps: Maps<'a>,
+    merger: &'a mut Merger,
+    watch: &'a mut Watch,
+}
+
+/// Whether duplicates are looked for in this step.
+pub(super) fn is_due(step: u64) -> bool {
+    step.is_multiple_of(PERIOD)
+}
+
+impl<'a> Unions<'a> {
+    /// Of the filter.
+    pub fn of(settings: &'a Settings, state: &'a mut State) -> Self {
+        let State { particles, landmarks, given, merger, diagnosis, .. } = state;
+        Self {
+            settings: &settings.config.association.merging,
+            maps: Maps { particles, landmarks, given },
+            merger,
+            watch: &mut diagnosis.watch,
         }
     }
 
-    fn note_sighted_together(&mut self, decisions: &[Decision], table: &CandidateTable) {
-        let share = decisions.len() / self.state.particles.len();
-        let best = self.state.particles.best();
-        let founded =
-            |j: usize| self.work.correcting.founded.iter().find(|(index, _)| *index == j).map(|(_, slot)| *slot);
+    /// Notes which landmarks the best particle sighted together in a scan.
+    pub fn note_sighted_together(&mut self, claims: Claims<'_>, founded: &[(usize, u32)]) {
+        let (landmarks, particles) = (&self.maps.landmarks, &self.maps.particles);
+        let of = |j: usize| founded.iter().find(|(index, _)| *index == j).map(|(_, slot)| *slot);
         let slot = |(j, decision): (usize, &Decision)| match decision {
-            Decision::Landmark(candidate) => Some(table.slots[*candidate as usize]),
-            Decision::New => founded(j),
+            Decision::Landmark(candidate) => Some(claims.table.slots[*candidate as usize]),
+            Decision::New => of(j),
             Decision::Ignored => None,
         };
-        let slots = decisions[best * share..][..share].iter().enumerate().filter_map(slot);
+        let slots = claims.of(particles.best()).iter().enumerate().filter_map(slot);
         // What was removed since has no birth.
-        let mut births = std::mem::take(&mut self.state.merger.births);
-        births.clear();
-        births.extend(slots.filter_map(|slot| self.state.landmarks.slot(slot)).map(|slot| slot.birth));
-        for (place, a) in births.iter().enumerate() {
-            births[..place].iter().for_each(|b| self.state.merger.note(*a, *b, 1));
+        self.merger.note_all(slots.filter_map(|slot| landmarks.slot(slot)).map(|slot| slot.birth));
+    }
+
+    /// Merges what means one thing near the sightings of a scan; returns how many the best particle held twice.
+    pub fn merge_near(&mut self, claims: Claims<'_>, correcting: &Correcting) -> u32 {
+        let founded = correcting.founded.iter().map(|(_, slot)| *slot);
+        let mut slots: Vec<u32> = claims.table.slots.iter().copied().chain(founded).collect();
+        let first_birth = correcting.first_birth;
+        slots.retain(|slot| self.maps.landmarks.slot(*slot).is_some_and(|s| s.birth < first_birth));
+        slots.sort_unstable_by_key(|slot| self.maps.landmarks.birth(*slot));
+        let mut merged = 0;
+        for (place, &younger) in slots.iter().enumerate() {
+            for &older in &slots[..place] {
+                if [older, younger].iter().all(|slot| self.maps.landmarks.slot(*slot).is_some()) {
+                    merged += self.merge(older, younger);
+                }
+            }
         }
-        self.state.merger.births = births;
+        merged
     }
 
     /// Merges a landmark into an older one wherever both mean one thing; returns whether the best particle held both.
     fn merge(&mut self, older: u32, younger: u32) -> u32 {
+        let landmarks = &mut *self.maps.landmarks;
+        let births = [older, younger].map(|slot| landmarks.birth(slot));
         // Two of a given map are two.
-        if self.state.given.of(self.state.landmarks.birth(younger)).is_some() {
+        if self.maps.given.of(births[1]).is_some() {
             return 0;
         }
-        let n = self.state.particles.len();
-        let columns = self.state.landmarks.columns();
-        let copy = |rows: Rows<'_>, count: usize| (0..count).flat_map(|c| rows.column(c).to_vec()).collect::<Vec<_>>();
-        let old = copy(self.state.landmarks.read(older), columns);
-        let young = copy(self.state.landmarks.read(younger), columns);
+        let (n, columns) = (self.maps.particles.len(), landmarks.columns());
+        let copy = |rows: Rows<'_>| (0..columns).flat_map(|c| rows.column(c).to_vec()).collect::<Vec<_>>();
+        let (old, young) = (copy(landmarks.read(older)), copy(landmarks.read(younger)));
         let (old, young) = (Rows::new(&old, n), Rows::new(&young, n));
-        let together =
-            self.state.merger.together(self.state.landmarks.birth(older), self.state.landmarks.birth(younger));
+        let together = self.merger.together(births[0], births[1]);
         let Some(union) = self.union(&old, &young, f64::from(together)) else { return 0 };
-        if self.is_fixed(older) {
-            self.settle([older, younger], &union);
-            return u32::from(union.fused[self.state.particles.best()]);
-        }
-        let touched: Vec<bool> = (0..n).map(|i| union.moved[i] || union.fused[i]).collect();
-        let unsure = self.settings.config.association.merging.tolerance_std_m > 0.0;
-        self.state.landmarks.update(older, Some(&touched), |mut rows| {
-            for i in (0..n).filter(|i| touched[*i]) {
-                if union.moved[i] {
-                    (0..columns).for_each(|c| rows.column(c)[i] = young.column(c)[i]);
-                } else {
-                    fuse(&mut rows, i, [&old, &young], unsure);
+        if !self.maps.is_fixed(older) {
+            let unsure = self.settings.tolerance_std_m > 0.0;
+            self.maps.landmarks.update(older, Some(&union.touched()), |mut rows| {
+                for i in 0..n {
+                    if union.moved[i] {
+                        (0..columns).for_each(|c| rows.column(c)[i] = young.column(c)[i]);
+                    } else if union.fused[i] {
+                        fuse(&mut rows, i, [&old, &young], unsure);
+                    }
                 }
-            }
-        });
+            });
+        }
         self.settle([older, younger], &union);
-        u32::from(union.fused[self.state.particles.best()])
+        u32::from(union.fused[self.maps.particles.best()])
     }
 
     /// Makes a landmark that all maps hold one with another that they all hold too, whose Gaussians know of it already.
-    pub(super) fn unite(&mut self, [older, younger]: [u32; 2]) {
-        let n = self.state.particles.len();
-        if !self.is_fixed(older) {
-            let more = self.state.landmarks.read(younger).column(column::SIGHTINGS).to_vec();
-            self.state.landmarks.update(older, None, |mut rows| {
+    pub fn unite(&mut self, [older, younger]: [u32; 2]) {
+        let n = self.maps.particles.len();
+        if !self.maps.is_fixed(older) {
+            let more = self.maps.landmarks.read(younger).column(column::SIGHTINGS).to_vec();
+            self.maps.landmarks.update(older, None, |mut rows| {
                 rows.column(column::SIGHTINGS).iter_mut().zip(&more).for_each(|(count, more)| *count += more);
             });
         }
         self.settle([older, younger], &Union { moved: vec![false; n], fused: vec![true; n] });
     }
 
+    /// Tells the watch that loops were closed.
+    pub fn closed(&mut self) {
+        self.watch.closed();
+    }
+
     /// Everything but the Gaussians of two landmarks that became one.
     fn settle(&mut self, [older, younger]: [u32; 2], union: &Union) {
-        let touched: Vec<bool> = union.moved.iter().zip(&union.fused).map(|(moved, fused)| *moved || *fused).collect();
-        self.state.merger.united.insert(self.state.landmarks.birth(younger), self.state.landmarks.birth(older));
-        self.state.diagnosis.watch.merged(self.state.landmarks.birth(older));
-        if !self.is_fixed(older) {
-            self.merge_existence([older, younger], &touched);
-            if let Some(appearances) = &mut self.state.landmarks.appearances {
+        let touched = union.touched();
+        let Maps { particles, landmarks, given } = &mut self.maps;
+        let births = [older, younger].map(|slot| landmarks.birth(slot));
+        self.merger.united.insert(births[1], births[0]);
+        self.watch.merged(births[0]);
+        if !given.is_fixed(births[0]) {
+            merge_existence(landmarks, [older, younger], &touched);
+            if let Some(appearances) = &mut landmarks.appearances {
                 appearances.merge(younger, older, [&union.moved, &union.fused]);
             }
         }
-        self.forget(younger, older, &touched);
-        let Particles { landmarks, .. } = &mut self.state.particles;
-        landmarks.iter_mut().zip(&union.fused).for_each(|(count, fused)| *count -= u32::from(*fused));
-    }
-
-    /// Takes a landmark out of the maps in which it went over into another.
-    fn forget(&mut self, younger: u32, older: u32, touched: &[bool]) {
-        self.state.landmarks.clear_rows(younger, touched);
-        if self.state.landmarks.holders(younger) == 0 {
-            self.state.merger.rename(self.state.landmarks.birth(younger), self.state.landmarks.birth(older));
-            self.state.landmarks.remove(younger);
+        landmarks.clear_rows(younger, &touched);
+        if landmarks.holders(younger) == 0 {
+            self.merger.rename(births[1], births[0]);
+            landmarks.remove(younger);
         }
+        particles.landmarks.iter_mut().zip(&union.fused).for_each(|(count, fused)| *count -= u32::from(*fused));
     }
 
     /// Where the two landmarks mean one thing: nearer to each other than the gate, and hardly ever sighted together.
     /// `None` when nowhere.
     fn union(&self, old: &Rows<'_>, young: &Rows<'_>, together: f64) -> Option<Union> {
-        let n = self.state.particles.len();
-        let merging = &self.settings.config.association.merging;
-        let gate = chi_squared_2(merging.gate_probability);
-        let tolerance = merging.tolerance_std_m * merging.tolerance_std_m;
-        let named =
-            |i: usize| self.state.landmarks.columns() > column::IDENTITY && young.column(column::IDENTITY)[i] != 0.0;
+        let n = self.maps.particles.len();
+        let gate = chi_squared_2(self.settings.gate_probability);
+        let tolerance = self.settings.tolerance_std_m * self.settings.tolerance_std_m;
+        let has_names = self.maps.landmarks.columns() > column::IDENTITY;
+        let named = |i: usize| has_names && young.column(column::IDENTITY)[i] != 0.0;
         let elsewhere = average(old, n);
         let mut union = Union { moved: vec![false; n], fused: vec![false; n] };
         for i in (0..n).filter(|i| !named(*i)) {
@@ -167,24 +183,24 @@ impl<M: MeasurementModel> FastSlam<M> {
         }
         (union.moved.contains(&true) || union.fused.contains(&true)).then_some(union)
     }
+}
 
-    /// The better of the two beliefs that a merged landmark exists.
-    fn merge_existence(&mut self, [older, younger]: [u32; 2], touched: &[bool]) {
-        let n = touched.len();
-        let Some(store) = &mut self.state.landmarks.existence else { return };
-        let young = store.read(younger).column(1).to_vec();
-        store.update(older, Some(touched), &mut |rows| {
-            let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
-            for i in (0..n).filter(|i| touched[*i]) {
-                log_odds[i] = if present[i] == 0.0 { young[i] } else { log_odds[i].max(young[i]) };
-                present[i] = 1.0;
-            }
-        });
-        store.update(younger, Some(touched), &mut |rows| {
-            let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
-            (0..n).filter(|i| touched[*i]).for_each(|i| (present[i], log_odds[i]) = (0.0, 0.0));
-        });
-    }
+/// The better of the two beliefs that a merged landmark exists.
+fn merge_existence(landmarks: &mut Landmarks, [older, younger]: [u32; 2], touched: &[bool]) {
+    let n = touched.len();
+    let Some(store) = &mut landmarks.existence else { return };
+    let young = store.read(younger).column(1).to_vec();
+    store.update(older, Some(touched), &mut |rows| {
+        let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
+        for i in (0..n).filter(|i| touched[*i]) {
+            log_odds[i] = if present[i] == 0.0 { young[i] } else { log_odds[i].max(young[i]) };
+            present[i] = 1.0;
+        }
+    });
+    store.update(younger, Some(touched), &mut |rows| {
+        let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
+        (0..n).filter(|i| touched[*i]).for_each(|i| (present[i], log_odds[i]) = (0.0, 0.0));
+    });
 }
 
 /// Puts the product of two landmarks of one map into its row of the older one; spread where both may be beside the truth.

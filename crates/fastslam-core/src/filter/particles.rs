@@ -73,6 +73,17 @@ impl Particles {
         self.log_weight.resize(ancestor_indices.len(), 0.0);
     }
 
+    /// The particle that explains the log best once so much is added to what each has gathered.
+    pub fn best_with(&self, increments: &[f64]) -> usize {
+        let mut best = 0;
+        for i in 1..self.len() {
+            if self.score[i] + increments[i] > self.score[best] + increments[best] {
+                best = i;
+            }
+        }
+        best
+    }
+
     /// The particle that explains the log best; ties go to the first.
     pub fn best(&self) -> usize {
         let mut best = 0;

@@ -5,10 +5,12 @@ use super::landmarks::Landmarks;
 use super::merger::Merger;
 use super::need::Need;
 use super::particles::{Particles, PoseEstimate};
-use crate::association::Identities;
+use super::settings::Algorithm;
+use crate::association::{Belief, Identities};
 use crate::config::Config;
 use crate::diagnosis::health::{View, Watch};
 use crate::diagnosis::NoiseReport;
+use crate::geometry::Pose;
 use crate::motion::{MotionByNoise, MotionGaussian};
 use crate::path::PathForest;
 use crate::smoothing::History;
@@ -124,6 +126,23 @@ impl Maps<'_> {
 }
 
 impl State {
+    /// Where the path begins.
+    pub fn start(&self, config: &Config) -> Pose {
+        self.given.start.unwrap_or_else(|| config.initial_pose.T_world_robot())
+    }
+
+    /// What a particle believes of the pose before a scan.
+    pub fn belief_of(&self, algorithm: Algorithm, particle: usize) -> Belief {
+        let pose = self.particles.pose(particle);
+        match algorithm {
+            Algorithm::Fastslam1 => Belief { mean: pose, covariance: [[0.0; 3]; 3] },
+            _ => Belief {
+                mean: pose.compose(self.motions.pending.mean),
+                covariance: self.motions.pending.covariance_in_world(pose.heading),
+            },
+        }
+    }
+
     /// The maps with what decides about them.
     pub fn maps(&mut self) -> Maps<'_> {
         Maps { particles: &mut self.particles, landmarks: &mut self.landmarks, given: &self.given }

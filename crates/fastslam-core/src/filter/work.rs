@@ -2,19 +2,17 @@
 
 use super::beliefs::Beliefs;
 use super::fading::Look;
-use crate::association::{fast, CandidateTable, Decision, FitTable, Scratch};
+use crate::association::{fast, CandidateTable, Decision, FitTable, ScanSighting, Scratch};
 use crate::diagnosis::innovations::PredictedScan;
 use crate::diagnosis::looks::MapInView;
 use crate::landmark::{Gaussian, Measured, SensorPoses};
 use crate::resampling::Resampler;
-use crate::sighting::{ScanSighting, Seen};
+use crate::sighting::Seen;
 use crate::workers::{PerThread, Workers};
 
 /// What the stages of a step hand to each other, kept for its memory.
 #[derive(Default)]
 pub(super) struct Work {
-    /// The sightings of the step, each identity once in each.
-    pub rounds: Vec<Vec<ScanSighting>>,
     pub beliefs: Beliefs,
     /// Of the step's sightings, per particle.
     pub log_likelihood: Vec<f64>,
@@ -47,8 +45,17 @@ pub(super) struct Associating {
     /// What each particle decided about the scan, an equal share each.
     pub decisions: Vec<Decision>,
     pub former_decisions: Vec<Decision>,
+    /// Where all sightings name their landmark, its slot for each; none where it is new.
+    pub named: Vec<Option<u32>>,
     /// For one sighting, the numbers of the decisions.
     pub decided: Vec<u32>,
+}
+
+impl Associating {
+    /// What the particles decided about a scan.
+    pub fn claims<'a>(&'a self, scan: &'a [ScanSighting]) -> Claims<'a> {
+        Claims { scan, decisions: &self.decisions, table: &self.table }
+    }
 }
 
 /// What every particle claims that a scan shows: decisions, an equal share each, about the candidates of a table.
@@ -57,6 +64,13 @@ pub(super) struct Claims<'a> {
     pub scan: &'a [ScanSighting],
     pub decisions: &'a [Decision],
     pub table: &'a CandidateTable,
+}
+
+impl<'a> Claims<'a> {
+    /// The decisions of one particle.
+    pub fn of(&self, particle: usize) -> &'a [Decision] {
+        &self.decisions[particle * self.scan.len()..][..self.scan.len()]
+    }
 }
 
 /// What correcting and creating landmarks needs.

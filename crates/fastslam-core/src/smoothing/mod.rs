@@ -21,5 +21,5 @@ pub(crate) use closing::{Closing, RARE};
 pub(crate) use draws::{draw, fill_normal, Drawn, Sampling};
 pub(crate) use drift::Drift;
 pub(crate) use factor::{Factor, UpperTriangle, LANES};
-pub(crate) use graph::{by_landmark, motion_residual, precision, Graph, Known, Mode, Sights, Solution};
+pub(crate) use graph::{by_landmark, motion_residual, precision, Graph, Known, Mode, Sights};
 pub(crate) use history::{History, Trajectory, NO_LANDMARK};

@@ -1,0 +1,99 @@
+//! What is kept of a scan: for draws of whole paths, for a given map, for whoever watches.
+
+use super::beginning::{count_given_decided, count_given_named};
+use super::doubts::note_need;
+use super::setup::Setup;
+use super::state::State;
+use super::work::{Claims, Work};
+use crate::association::{Decision, Identities, ScanSighting};
+use crate::measurement::MeasurementModel;
+use crate::sighting::{Seen, Taken};
+use crate::smoothing::NO_LANDMARK;
+
+/// Remembers a scan with what it was taken for.
+pub(super) fn remember<M: MeasurementModel>(
+    setup: &Setup<M>,
+    state: &mut State,
+    work: &mut Work,
+    scan: &[ScanSighting],
+) {
+    if setup.settings.identities == Identities::All {
+        count_given_named(setup, state, scan, &work.associating.named);
+        remember_named(state, scan, &work.associating.named);
+        return;
+    }
+    let (claims, births) = (work.associating.claims(scan), &work.correcting.births);
+    remember_decided(state, claims, births);
+    see_decided(state, claims, births, &mut work.seen);
+    remember_need(setup, state, claims, &work.correcting.founded);
+    count_given_decided(setup, state, claims);
+}
+
+/// Remembers a scan whose sightings belong to the same landmarks in all maps.
+fn remember_named(state: &mut State, scan: &[ScanSighting], named: &[Option<u32>]) {
+    let Some(rejuvenation) = &mut state.rejuvenation else { return };
+    let birth = |slot: &Option<u32>| slot.map_or(NO_LANDMARK, |slot| state.landmarks.birth(slot) as u32);
+    let births: Vec<u32> = named.iter().map(birth).collect();
+    rejuvenation.history.explained_alike(scan.iter().map(|s| s.measured), &births);
+}
+
+/// Remembers a scan with every particle's decisions; sightings taken for new landmarks made those of `births`.
+fn remember_decided(state: &mut State, claims: Claims<'_>, births: &[u64]) {
+    let Some(rejuvenation) = &mut state.rejuvenation else { return };
+    let old: Vec<u32> = claims.table.slots.iter().map(|slot| state.landmarks.birth(*slot) as u32).collect();
+    let choice = |particle: usize, j: usize| match claims.of(particle)[j] {
+        Decision::Landmark(candidate) => old[candidate as usize],
+        Decision::New => births[j] as u32,
+        Decision::Ignored => NO_LANDMARK,
+    };
+    rejuvenation.history.explained(claims.scan.iter().map(|s| s.measured), choice);
+}
+
+/// Where paths are drawn by need, remembers what the best particle sighted and founded.
+fn remember_need<M: MeasurementModel>(
+    setup: &Setup<M>,
+    state: &mut State,
+    claims: Claims<'_>,
+    founded: &[(usize, u32)],
+) {
+    if state.rejuvenation.as_ref().is_none_or(|rejuvenation| rejuvenation.need.is_none()) {
+        return;
+    }
+    let (mut matched, mut new) = (Vec::new(), Vec::new());
+    for (j, decision) in claims.of(state.particles.best()).iter().enumerate() {
+        match decision {
+            Decision::Landmark(candidate) => matched.push(claims.table.slots[*candidate as usize]),
+            Decision::New => new.extend(founded.iter().filter(|(of, _)| *of == j).map(|(_, slot)| *slot)),
+            Decision::Ignored => {}
+        }
+    }
+    note_need(setup, state, claims.scan, &matched, &new);
+}
+
+/// Takes note, for whoever watches, of what the best particle decided.
+fn see_decided(state: &State, claims: Claims<'_>, births: &[u64], seen: &mut Vec<Seen>) {
+    let made = claims.of(state.particles.best()).iter().zip(births);
+    seen.extend(claims.scan.iter().zip(made).map(|(sighting, (decision, born))| {
+        let taken = match decision {
+            Decision::Landmark(candidate) => {
+                Taken::Landmark(state.landmarks.birth(claims.table.slots[*candidate as usize]))
+            }
+            Decision::New => Taken::New(*born),
+            Decision::Ignored => Taken::Nothing,
+        };
+        Seen { value: sighting.measured.value, taken }
+    }));
+}
+
+/// Takes note, for whoever watches, of scans whose sightings all name their landmark; those born since then are new.
+pub(super) fn see_named(state: &State, rounds: &[Vec<ScanSighting>], births_before: u64, seen: &mut Vec<Seen>) {
+    seen.extend(rounds.iter().flatten().map(|sighting| {
+        let birth = state.landmarks.named(sighting).map(|slot| state.landmarks.birth(slot));
+        let taken = match birth {
+            Some(birth) if birth < births_before => Taken::Landmark(birth),
+            Some(birth) => Taken::New(birth),
+            None => Taken::Nothing,
+        };
+        Seen { value: sighting.measured.value, taken }
+    }));
+}

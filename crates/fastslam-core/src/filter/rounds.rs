@@ -1,0 +1,167 @@
+//! A scan in rounds that see each identity once at most: what stands around the steps of the algorithm.
+
+use super::estimate::estimate_beliefs;
+use super::names::doubt_names;
+use super::propose::{keeps_motion_pending, propose};
+use super::rejuvenation::{merged_by_draw, rejuvenate, rejuvenation_is_due, remember_step};
+use super::remember::see_named;
+use super::settings::Algorithm;
+use super::setup::Setup;
+use super::state::State;
+use super::step::{step, step_fused};
+use super::usable::usable;
+use super::weigh::normalize;
+use super::work::Work;
+use super::StepInfo;
+use crate::association::{Identities, ScanSighting};
+use crate::diagnosis::health::Vitals;
+use crate::error::Result;
+use crate::limits::LARGEST_STATE;
+use crate::measurement::MeasurementModel;
+use crate::motion::MotionByNoise;
+use crate::sighting::{Sighting, Skipped};
+use crate::step_info::NoiseInWindow;
+
+/// The usable sightings of one stamp, each identity once at most in each round.
+pub(super) struct Rounds<'a> {
+    pub stamp_s: f64,
+    pub rounds: &'a mut [Vec<ScanSighting>],
+}
+
+/// Parts the usable sightings into scans that see each identity once at most; returns how many there are, one at least.
+///
+/// **Why:** two sightings with one identity are not independent given the pose's prior: the second waits for the first.
+pub(super) fn fill_rounds<M: MeasurementModel>(
+    setup: &Setup<M>,
+    rounds: &mut Vec<Vec<ScanSighting>>,
+    sightings: &[Sighting],
+    skipped: &mut Skipped,
+) -> usize {
+    rounds.iter_mut().for_each(Vec::clear);
+    if rounds.is_empty() {
+        rounds.push(Vec::new());
+    }
+    let mut used = 1;
+    let (sensor, identities) = (&setup.settings.config.sensor, setup.settings.identities);
+    for sighting in usable(sensor, identities, &setup.models.measurement, sightings, skipped) {
+        let free = |round: &Vec<ScanSighting>| {
+            sighting.identity.is_none() || round.iter().all(|s| s.identity != sighting.identity)
+        };
+        let round = rounds[..used].iter().position(free).unwrap_or(used);
+        if round == rounds.len() {
+            rounds.push(Vec::new());
+        }
+        rounds[round].push(sighting);
+        used = used.max(round + 1);
+    }
+    used
+}
+
+/// Processes the rounds of a scan.
+pub(super) fn process_rounds<M: MeasurementModel>(
+    setup: &Setup<M>,
+    state: &mut State,
+    work: &mut Work,
+    Rounds { stamp_s, rounds }: Rounds<'_>,
+    info: &mut StepInfo,
+) -> Result<()> {
+    let names_known = setup.settings.identities == Identities::All;
+    work.seen.clear();
+    if names_known {
+        rounds.iter_mut().for_each(|round| doubt_names(setup, state, &mut work.seen, round, info));
+    }
+    info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
+    state.diagnosis.watch.begin(stamp_s, info.sightings);
+    let births_before = state.landmarks.births();
+    // The names of a whole round may have been doubted.
+    info.sampling.sampled = !rounds.iter().all(|round| keeps_motion_pending(setup, state, round));
+    rounds.iter().try_for_each(|round| process(setup, state, work, round, info))?;
+    if names_known {
+        see_named(state, rounds, births_before, &mut work.seen);
+    }
+    if info.sampling.sampled {
+        let particles = &state.particles;
+        state.path.extend(stamp_s, &setup.workers, |i| particles.pose(i));
+        remember_step(state);
+        if rejuvenation_is_due(setup, state) {
+            info.sampling.rejuvenated |= rejuvenate(setup, state, work);
+            info.changes.merged += merged_by_draw(state);
+        }
+    }
+    info.landmarks = state.particles.landmarks[state.particles.best()];
+    judge_health(setup, state, work, (stamp_s, births_before), info);
+    state.counters.steps += 1;
+    Ok(())
+}
+
+/// One scan with at most one sighting per identity.
+fn process<M: MeasurementModel>(
+    setup: &Setup<M>,
+    state: &mut State,
+    work: &mut Work,
+    scan: &[ScanSighting],
+    info: &mut StepInfo,
+) -> Result<()> {
+    match (setup.settings.config.algorithm, setup.settings.identities) {
+        _ if keeps_motion_pending(setup, state, scan) => {
+            normalize(state, info)?;
+            propose(setup, state, &mut work.beliefs);
+            estimate_beliefs(state, &work.beliefs);
+            Ok(())
+        }
+        (Algorithm::Fastslam1, Identities::All) => step_fused(setup, state, work, scan, info),
+        _ => step(setup, state, work, scan, info),
+    }
+}
+
+/// Gives the verdict on a step.
+fn judge_health<M: MeasurementModel>(
+    setup: &Setup<M>,
+    state: &mut State,
+    work: &mut Work,
+    (stamp_s, births_before): (f64, u64),
+    info: &mut StepInfo,
+) {
+    let watch = &mut state.diagnosis.watch;
+    info.sampling.particles = state.particles.len() as u32;
+    info.matched = watch.matches() as u32;
+    if watch.noise.is_report_due() {
+        state.diagnosis.noise_report = watch.noise.of_window();
+    }
+    if info.sightings > 0 {
+        state.motions.since_scan = MotionByNoise::default();
+    }
+    info.noise = NoiseInWindow::from(&state.diagnosis.noise_report);
+    let vitals = Vitals {
+        stamp_s,
+        particles: state.particles.len(),
+        effective_sample_size: info.weighing.effective_sample_size,
+        T_world_robot: state.estimate.mean,
+        pose_covariance: state.estimate.covariance,
+        births_before,
+        names_known: setup.settings.identities == Identities::All,
+        map_in_view: work.map_in_view.take(),
+    };
+    let model = &setup.models.measurement;
+    info.health = watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
+}
+
+/// After a scan to which a measurement model of one's own left no particle any weight: what the scan did to weights is
+/// undone by forgetting them all, and what it did to maps by forgetting the landmarks that it made unusable.
+pub(super) fn start_anew_with_weights<M>(setup: &Setup<M>, state: &mut State, work: &mut Work) {
+    state.particles.log_weight.fill(0.0);
+    state.particles.score.fill(0.0);
+    state.weights.restart(state.particles.len());
+    let mut row = vec![0.0; state.landmarks.columns()];
+    for slot in state.landmarks.live_slots() {
+        let holders: Vec<usize> =
+            (0..state.particles.len()).filter(|i| state.landmarks.read_row(slot, *i, &mut row)).collect();
+        if state.landmarks.read(slot).is_within(LARGEST_STATE) {
+            continue;
+        }
+        holders.into_iter().for_each(|i| state.particles.landmarks[i] -= 1);
+        state.landmarks.remove(slot);
+    }
+    propose(setup, state, &mut work.beliefs);
+    estimate_beliefs(state, &work.beliefs);
+}
