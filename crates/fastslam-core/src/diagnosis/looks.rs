@@ -16,6 +16,13 @@ const LOOK_AGAIN_RAD: f64 = 0.1;
 /// Looks at a landmark that weigh as much as what is known of the others.
 const LOOKS_LIKE_OTHERS: f64 = 2.0;
 
+/// Whether a look from here says anything new after one from there, by a sensor that sees so far.
+pub(crate) fn is_another_look(from: Pose, to: Pose, far_m: f64) -> bool {
+    let moved = from.inverse().compose(to);
+    let far = LOOK_AGAIN_REACH * far_m;
+    moved.x.hypot(moved.y) > far || crate::math::wrap_angle(moved.heading).abs() > LOOK_AGAIN_RAD
+}
+
 /// Landmarks of the best particle's map that a scan should have shown.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct MapInView {
@@ -58,11 +65,7 @@ pub(super) struct Looks {
 impl Looks {
     /// Whether a look at the map from here says anything new; then it counts as taken.
     pub fn begin(&mut self, T_world_robot: Pose, far_m: f64) -> bool {
-        let new = self.last.is_none_or(|last| {
-            let moved = last.inverse().compose(T_world_robot);
-            let far = LOOK_AGAIN_REACH * far_m;
-            moved.x.hypot(moved.y) > far || crate::math::wrap_angle(moved.heading).abs() > LOOK_AGAIN_RAD
-        });
+        let new = self.last.is_none_or(|last| is_another_look(last, T_world_robot, far_m));
         if new {
             self.last = Some(T_world_robot);
             self.revisits.begin();

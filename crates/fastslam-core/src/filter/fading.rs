@@ -9,6 +9,7 @@
 use crate::association::Identities;
 use crate::config::{Config, Removal};
 use crate::diagnosis::detectability::{Detectability, Place};
+use crate::diagnosis::looks::is_another_look;
 use crate::geometry::Pose;
 use crate::math;
 use serde::{Deserialize, Serialize};
@@ -26,12 +27,6 @@ const TRUSTED: f64 = 2.2;
 const SURE: f64 = 4.6;
 /// Landmarks that are taken to have turned out real before any did.
 const REAL_BEFORE: f64 = 5.0;
-/// Motion from one look to the next: a fraction of how far the sensor sees, and a turn.
-///
-/// **Why:** what a robot that stands does not see it will not see in the next scan either; that is one observation.
-const LOOK_AGAIN_REACH: f64 = 0.005;
-const LOOK_AGAIN_RAD: f64 = 0.05;
-
 /// What speaks for and against the landmarks, and what is known of the sensor.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Fading {
@@ -80,11 +75,7 @@ impl Fading {
 
     /// Whether a look from here says anything new; then it counts as taken.
     pub fn begins(&mut self, sensor: Pose) -> bool {
-        let new = self.last.is_none_or(|last| {
-            let moved = last.inverse().compose(sensor);
-            moved.x.hypot(moved.y) > LOOK_AGAIN_REACH * self.detectability.far_m()
-                || math::wrap_angle(moved.heading).abs() > LOOK_AGAIN_RAD
-        });
+        let new = self.last.is_none_or(|last| is_another_look(last, sensor, self.far_m()));
         if new {
             self.last = Some(sensor);
         }
