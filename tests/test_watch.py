@@ -146,7 +146,14 @@ def program(*arguments: object, **streams: Any) -> Iterator[tuple[subprocess.Pop
     source = str(Path(fastslam.__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": source, "NO_COLOR": "1"}
     with subprocess.Popen(
-        command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **streams
+        command,
+        env=environment,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        # A shell's background jobs begin with this signal ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        **streams,
     ) as process:
         assert process.stderr is not None
         try:
@@ -197,13 +204,14 @@ def test_a_page_that_closes_lets_the_run_go_on(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_ctrl_c_ends_a_run_that_is_held_and_keeps_what_there_is(tmp_path: Path) -> None:
-    log, out = write_small_log(tmp_path / "log", steps=2000), tmp_path / "out"
-    with program("run", log, "--out", out, "--no-report", "--particles", 1000) as (process, page):
+    # Long enough not to be at its end before the page asks.
+    log, out = write_small_log(tmp_path / "log", steps=20_000), tmp_path / "out"
+    with program("run", log, "--out", out, "--no-report", "--particles", 3000) as (process, page):
         page.ask("/pace", {"paused": True, "speed": 0})
         next(data for kind, data in page.events() if kind == "frame")
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)
-        assert process.returncode == 130 and "Traceback" not in errors
+        assert process.returncode == 130 and "Traceback" not in errors, errors
         page.close()
     assert json.loads((out / "run.json").read_text())["interrupted"]
 

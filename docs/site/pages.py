@@ -23,6 +23,7 @@ REFERENCE = {
             "fastslam.localisation",
             "fastslam.filter",
             "fastslam.robot",
+            "fastslam.sensors",
             "fastslam.live",
             "fastslam.config",
             "fastslam.settings",
