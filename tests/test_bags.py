@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -351,3 +352,10 @@ def test_a_bag_that_is_cut_off_is_a_one_line_error(how: str, tmp_path: Path) -> 
     file.write_bytes(b"#ROSBAG V2.0\n" + b"\xff" * 400)
     outcome = fastslam("info", file if how == "ros1" else bag)
     outcome.assert_one_line_error(exit_code=1, contains="drive")
+
+
+def test_a_count_that_is_a_word_is_a_one_line_error(tmp_path: Path) -> None:
+    bag = write(tmp_path / "drive", [*twists(), *detections(mrpt)], "mcap")
+    about = bag / "metadata.yaml"
+    about.write_text(re.sub(r"message_count: \d+", "message_count: many", about.read_text()))
+    fastslam("info", bag).assert_one_line_error(exit_code=1, contains="drive")

@@ -59,10 +59,15 @@ def check_log(log: Log) -> None:
     """What every reader promises of its log."""
     controls, seen = log.controls, log.sightings
     check_finite("controls", controls.stamp_s, controls.values)
-    check_finite("sightings", seen.stamp_s, seen.range_m)
-    ranges_alone = log.config.get("sensor", {}).get("model") == "range"
-    if not (ranges_alone and np.isnan(seen.bearing_rad).all()):
-        check_finite("bearings", seen.bearing_rad)
+    check_finite("sightings", seen.stamp_s)
+    # A sensor that measures one of the two has no number for the other.
+    alone = log.config.get("sensor", {}).get("model")
+    for what, values, lacking in [
+        ("ranges", seen.range_m, "bearing"),
+        ("bearings", seen.bearing_rad, "range"),
+    ]:
+        if not (alone == lacking and np.isnan(values).all()):
+            check_finite(what, values)
     if (np.diff(controls.stamp_s) <= 0).any() or (np.diff(seen.stamp_s) < 0).any():
         raise FaultError("stamps out of order")
     if len(seen.identity) and not -1 <= seen.identity.min() <= seen.identity.max() < len(log.identity_names):

@@ -55,6 +55,8 @@ def opened(path: Path) -> Iterator[AnyReader]:
             # Older bags hold no definitions of their messages.
             reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
             stack.enter_context(reader)
+            # The table of topics is made when it is asked for, of what the folder's description says.
+            list(reader.topics)
         yield reader
 
 
