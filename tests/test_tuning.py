@@ -21,7 +21,7 @@ from fastslam.tuning import Tuning, tune
 from fastslam.tuning.judge import evidence, fault_of, log_new_density
 from fastslam.tuning.learn import wide_noise
 from fastslam.tuning.noise import _log_likelihood
-from fastslam.tuning.problem import Bordered, linearised
+from fastslam.tuning.problem import DRAWS, linearised
 from fastslam.tuning.session import _Session
 
 TURN, DISTANCE, DELAY_S = 0.65, 1.06, 0.3
@@ -100,17 +100,21 @@ def test_the_density_of_new_landmarks_is_that_of_the_gate() -> None:
     assert np.exp(log_new_density(told)) == pytest.approx(0.5)
 
 
-def test_draws_have_the_covariance_of_the_border(sound: Log) -> None:
+def test_draws_follow_the_rows_as_far_as_the_solution_does(sound: Log) -> None:
     session = _Session(sound, configure(sound, UNKNOWN), UNKNOWN, None)
     problem, noise = session.problem_from_tracks()
-    solver = Bordered(problem, linearised(problem, noise))
+    assert np.sum(problem.prior_std > 0) == 8
+    solver = linearised(problem, noise).solver
     generator = np.random.default_rng(1)
-    draws = np.array([solver.draw(generator)[1] for _ in range(400)])
-    free = problem.prior_std > 0
-    assert free.sum() == 8
-    ratio = draws[:, free].std(axis=0) / np.sqrt(np.diag(solver.covariance)[free])
-    # The standard error of a deviation from 400 draws is 1 / sqrt(800): four of them.
-    assert np.all(np.abs(ratio - 1) < 4 / np.sqrt(800))
+    times = 100
+    shares = np.mean([solver.followed(generator) for _ in range(times)], axis=0)
+    rows = np.linspace(0, len(shares) - 1, 40).astype(int)
+    unknowns = 3 * len(problem.batch.poses) + 2 * len(problem.batch.landmarks_m)
+    units = np.eye(len(shares), len(shares) + unknowns + len(solver.covariance))
+    exact = np.array([-solver._core.response(units[row])[row] for row in rows])
+    assert np.all(exact > 0) and np.all(exact < 1) and np.ptp(exact) > 0.1
+    # The standard error of a variance from n draws is its root of 2 / n. Four of them: a false alarm in 400.
+    assert np.all(np.abs(shares[rows] / exact - 1) < 4 * np.sqrt(2 / (times * DRAWS)))
 
 
 def test_the_tail_likelihood_is_highest_at_the_true_degrees_of_freedom() -> None:

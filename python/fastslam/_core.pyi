@@ -132,6 +132,51 @@ class Filter:
     def map(self) -> dict[str, Any]: ...
     def best_path(self) -> tuple[Floats, Floats]: ...
 
+class LeastSquaresRows:
+    """Residuals of sightings and odometry over poses (K, 3), landmarks (L, 2) and errors of both.
+
+    `odometry` holds motions (K - 1, 3) and their derivatives (K - 1, 3, N) by its errors, `sightings` pose
+    (S,), landmark (S,), and range and bearing (S, 2). ValueError for numbers that do not fit.
+    """
+
+    def __new__(
+        cls,
+        poses: Floats,
+        landmarks_m: Floats,
+        sensor: list[float],
+        odometry: tuple[Floats, Floats],
+        sightings: tuple[Ints, Ints, Floats],
+    ) -> LeastSquaresRows: ...
+    def residuals(self) -> Floats:
+        """(R,): range and bearing of each sighting in turn, then ahead, left and turn of each motion."""
+
+class LeastSquares:
+    """The factorised normal equations of rows: unknowns (n,) are poses, then landmarks; N + 5 parameters.
+
+    `whitening` is one over the standard deviations of sightings (S, 2) and roots of the precisions of motions
+    (K - 1, 3, 3). `anchors` (n, 2): information on each unknown, and what is known minus the present
+    solution; `priors` (N + 5, 2): standard deviations, 0 for held, and the same. ValueError where nothing
+    holds the path.
+    """
+
+    def __new__(
+        cls, rows: LeastSquaresRows, whitening: tuple[Floats, Floats], anchors: Floats, priors: Floats
+    ) -> LeastSquares: ...
+    def residuals(self) -> Floats:
+        """Whitened residuals (R,)."""
+
+    def covariance(self) -> Floats:
+        """Of the parameters (N + 5, N + 5)."""
+
+    def step(self) -> tuple[Floats, Floats]:
+        """The step of unknowns (n,) and parameters (N + 5,) that explains the rows."""
+
+    def response(self, noise: Floats) -> Floats:
+        """How the rows (R,) move with noise (R + n + N + 5,) of rows, anchors and priors."""
+
+    def influence(self) -> Floats:
+        """What each row's residual does to the parameters (R, N + 5)."""
+
 _StampedPose: TypeAlias = tuple[float, Floats, Floats]
 """Stamp, mean (3) and covariance (3, 3) of a pose."""
 

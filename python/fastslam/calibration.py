@@ -14,9 +14,10 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from ._batch import BLOCKS, PARAMETERS, Batch, Solution, solve_batch
 from ._between import motion_between
+from ._bordered import BLOCKS, PARAMETERS, Batch
 from ._quantiles import student_t_quantile
+from ._robust import SensorProblem, Solution, solve_sensor
 from .config import Config, merge
 from .dead_reckoning import arc_twists
 from .detection import with_sightings
@@ -112,8 +113,8 @@ def calibrate(
     if fault is not None:
         message = f"nothing can be calibrated from this run: {fault.message}; `fastslam tune` may find why"
         raise DataError(message, log.source)
-    batch = _batch(log, configuration, result, reference)
-    found = _calibration(configuration, batch, solve_batch(batch), noise=noise)
+    problem = _problem(log, configuration, result, reference)
+    found = _calibration(configuration, problem, solve_sensor(problem), noise=noise)
     return _judged(found, log, result, binding=reference != "survey")
 
 
@@ -129,7 +130,7 @@ def _judged(found: Calibration, log: Log, before: RunResult, *, binding: bool) -
     return replace(found, evidence_gain=gain, settings=found.settings if gain >= 0 or not binding else {})
 
 
-def _batch(log: Log, config: Config, result: RunResult, reference: Reference) -> Batch:
+def _problem(log: Log, config: Config, result: RunResult, reference: Reference) -> SensorProblem:
     sightings, sensor = log.sightings, config["sensor"]
     usable = np.isfinite(sightings.range_m) & np.isfinite(sightings.bearing_rad)
     usable &= sightings.range_m > 0
@@ -150,22 +151,20 @@ def _batch(log: Log, config: Config, result: RunResult, reference: Reference) ->
     if reference == "survey":
         surveyed_m = _survey(log, tuple(result.landmarks.ids[index] for index in used))
         poses, landmarks_m = _in_frame_of(surveyed_m, poses, landmarks_m)
-    return Batch(
+    batch = Batch(
         poses=poses,
         landmarks_m=landmarks_m,
         parameters=_configured(config),
         motion=motion,
-        motion_covariance=covariance,
         pose=pose,
         landmark=landmark,
         range_m=sightings.range_m[rows],
         bearing_rad=sightings.bearing_rad[rows] - sensor["bearing_bias_rad"],
-        free=np.array([reference != "sensor" or name not in RANGE_PARAMETERS for name in PARAMETERS]),
         surveyed_m=surveyed_m,
-        prior_std=np.array(PRIOR_STD),
-        range_std_m=sensor["range_std_m"],
-        bearing_std_rad=sensor["bearing_std_rad"],
     )
+    free = np.array([reference != "sensor" or name not in RANGE_PARAMETERS for name in PARAMETERS])
+    noise_std = np.array([sensor["range_std_m"], sensor["bearing_std_rad"]])
+    return SensorProblem(batch, covariance, batch.parameters, np.where(free, PRIOR_STD, 0.0), noise_std)
 
 
 def _within_range(
@@ -299,26 +298,19 @@ def _constant_density(controls: Controls, motion: dict[str, Any], twists: Floats
     return np.column_stack([speed, np.hypot(slip, motion["sensor_ahead_m"] * turn), turn])
 
 
-def _calibration(config: Config, batch: Batch, solution: Solution, *, noise: bool) -> Calibration:
-    found = solution.batch
+def _calibration(config: Config, problem: SensorProblem, solution: Solution, *, noise: bool) -> Calibration:
+    found = solution.problem
     error = np.sqrt(np.diag(solution.covariance))
     units = ("m/m", "m", "m", "m", "rad")
     parameters = [
         Parameter(key, unit, float(before), float(after), float(std), bool(std < LEAST_GAIN * prior))
-        for key, unit, before, after, std, prior, free in zip(
-            PARAMETERS,
-            units,
-            batch.parameters,
-            found.parameters,
-            error,
-            batch.prior_std,
-            batch.free,
-            strict=True,
+        for key, unit, before, after, std, prior in zip(
+            PARAMETERS, units, problem.prior, found.batch.parameters, error, problem.prior_std, strict=True
         )
-        if free
+        if prior > 0
     ]
     sensor, nan = config["sensor"], float("nan")
-    noises = (("range_std_m", "m", found.range_std_m), ("bearing_std_rad", "rad", found.bearing_std_rad))
+    noises = zip(("range_std_m", "bearing_std_rad"), ("m", "rad"), found.noise_std.tolist(), strict=True)
     for (key, unit, value), known in zip(noises, solution.noise_known, strict=True):
         parameters.append(Parameter(key, unit, sensor[key], value, nan, bool(known)))
     written = [p for p in parameters if p.significant or (noise and p.observable and p.key not in PARAMETERS)]
@@ -326,8 +318,8 @@ def _calibration(config: Config, batch: Batch, solution: Solution, *, noise: boo
         parameters=tuple(parameters),
         settings=merge(*({"sensor": _nested(p.key, p.value)} for p in written)),
         converged=solution.converged,
-        sightings=len(found.pose),
-        landmarks=len(found.landmarks_m),
+        sightings=len(found.batch.pose),
+        landmarks=len(found.batch.landmarks_m),
     )
 
 

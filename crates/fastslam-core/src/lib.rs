@@ -29,7 +29,7 @@ pub mod resampling;
 pub mod run;
 pub mod sighting;
 pub mod slam;
-mod smoothing;
+pub mod smoothing;
 pub mod snapshot;
 pub mod step_info;
 pub mod store;

@@ -11,6 +11,7 @@ mod run;
 mod sensor;
 mod settings;
 mod simulation;
+mod smoothing;
 mod step;
 mod stream;
 mod view;
@@ -30,6 +31,8 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(step::step_fields, module)?)?;
     module.add_class::<filter::Filter>()?;
     module.add_class::<stream::Stream>()?;
+    module.add_class::<smoothing::LeastSquaresRows>()?;
+    module.add_class::<smoothing::LeastSquares>()?;
     arena::register(module)?;
     detect::register(module)?;
     simulation::register(module)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._batch import BLOCKS, Batch
+from .._bordered import Batch, clustered
 from ..config import merge
 from ..datasets.clean import select_sightings
 from ..dead_reckoning import DeadReckoning
@@ -16,7 +16,7 @@ from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings
 from .motion import DELAY, Known, Links, Part, links, motion_parameters, nested, noise_parts, value_of
 from .noise import correlation_of, fitted_tail, learned_noise
-from .problem import Bordered, Noise, Problem, Rows, linearised, moved_by
+from .problem import Noise, Problem, Rows, linearised, moved_by
 
 SENSOR_KNOWN = (
     Known("sensor.range_scale", "m/m", 0.0, 0.0),
@@ -180,10 +180,10 @@ def _judged(
 ) -> tuple[Value, ...]:
     """The parameters of a solution with their standard errors."""
     problem, noise = solution
-    rows = linearised(problem, noise)
-    solver = Bordered(problem, rows)
+    solver = linearised(problem, noise).solver
     followed = solver.followed(np.random.default_rng(0))
-    error = np.sqrt(np.diag(_clustered(solver, rows, problem, followed)))
+    influence = solver.influence() * (solver.residuals / np.sqrt(np.maximum(1 - followed, 0.1)))[:, None]
+    error = np.sqrt(np.diag(clustered(problem.batch, influence, solver.covariance)))
     delay = [one.key for one in known].index(DELAY)
     error[delay] = np.hypot(error[delay], WITHIN_A_ROW * float(np.median(np.diff(log.controls.stamp_s))))
     return _values(known, before, before - (problem.prior - problem.parameters), error, problem.prior_std)
@@ -207,12 +207,11 @@ def _settled(
     noise = noise or start
     for iteration in range(ITERATIONS):
         rows = linearised(problem, noise)
-        solver = Bordered(problem, rows)
-        states, parameters = solver.step(np.concatenate([rows.seen.ravel(), rows.moved.ravel()]))
-        size = max(float(np.abs(states).max()), float(np.abs(parameters).max()))
+        unknowns, parameters = rows.solver.step()
+        size = max(float(np.abs(unknowns).max()), float(np.abs(parameters).max()))
         shorter = min(1.0, LARGEST_STEP / max(size, 1e-12))
-        problem = moved_by(problem, shorter * states, shorter * parameters)
-        followed = solver.followed(np.random.default_rng(0))
+        problem = moved_by(problem, shorter * unknowns, shorter * parameters)
+        followed = rows.solver.followed(np.random.default_rng(0))
         # Far from the solution residuals say nothing of noise.
         newer = learned_noise(problem, rows, followed, noise, start) if shorter > 0.5 else noise
         change = np.abs(np.log(np.concatenate([newer.seen / noise.seen, newer.squares / noise.squares])))
@@ -240,16 +239,11 @@ def problem_of(
         landmarks_m=places[1],
         parameters=parameters,
         motion=tied.motion,
-        motion_covariance=np.empty((0, 3, 3)),
         pose=stretch.pose,
         landmark=stretch.track,
         range_m=seen.range_m,
         bearing_rad=seen.bearing_rad - sensor["bearing_bias_rad"],
-        free=np.array([one.prior_std > 0 for one in SENSOR_KNOWN]),
         surveyed_m=np.full(places[1].shape, np.nan),
-        prior_std=prior_std[-len(SENSOR_KNOWN) :],
-        range_std_m=sensor["range_std_m"],
-        bearing_std_rad=sensor["bearing_std_rad"],
     )
     motion = np.zeros(len(known) - len(SENSOR_KNOWN))
     axes = np.array([part.axis for part in noise_parts(log.controls, config["motion"])])
@@ -271,20 +265,6 @@ def _relinked(
     prior[: len(known)] -= problem.motion
     batch = replace(problem.batch, motion=tied.motion)
     return config, replace(problem, batch=batch, links=tied, motion=0 * problem.motion, prior=prior)
-
-
-def _clustered(solver: Bordered, rows: Rows, problem: Problem, followed: Floats) -> Floats:
-    """Covariance of the parameters from how much BLOCKS stretches of time disagree (see `calibrate`)."""
-    residuals = np.concatenate([rows.seen.ravel(), rows.moved.ravel()])
-    influence = solver.influence() * (residuals / np.sqrt(np.maximum(1 - followed, 0.1)))[:, None]
-    poses = len(problem.batch.poses)
-    pose = np.concatenate([np.repeat(problem.batch.pose, 2), np.repeat(np.arange(poses - 1), 3)])
-    sums = np.zeros((BLOCKS, influence.shape[1]))
-    np.add.at(sums, pose * BLOCKS // poses, influence)
-    clustered = sums.T @ sums * (BLOCKS / (BLOCKS - 1))
-    ratio = np.sqrt(np.maximum(np.diag(clustered) / np.diag(solver.covariance), 1.0))
-    covariance: Floats = solver.covariance * ratio[:, None] * ratio
-    return covariance
 
 
 def _values(

@@ -208,30 +208,9 @@ impl<M: MeasurementModel> Graph<'_, M> {
         Layout { poses: steps - self.first_free, seen_from: self.landmarks.iter().map(free_steps).collect() }
     }
 
-    /// The places of all numbers: a pose's column holds the pose before and its own triangle, a landmark's column the
-    /// poses that saw it and its own triangle.
     fn structure(&self, layout: &Layout) -> UpperTriangle {
-        let mut upper = UpperTriangle { column_starts: vec![0], ..UpperTriangle::default() };
-        for pose in 0..layout.poses {
-            for c in 0..3 {
-                let before = 3 * pose.saturating_sub(1);
-                upper.rows.extend(before..3 * pose + c + 1);
-                upper.column_starts.push(upper.rows.len());
-            }
-        }
-        for (landmark, seen_from) in layout.seen_from.iter().enumerate() {
-            let own = 3 * layout.poses + 2 * landmark;
-            for c in 0..2 {
-                for step in seen_from {
-                    let pose = 3 * (*step as usize - self.first_free);
-                    upper.rows.extend(pose..pose + 3);
-                }
-                upper.rows.extend(own..own + c + 1);
-                upper.column_starts.push(upper.rows.len());
-            }
-        }
-        upper.values = vec![0.0; upper.rows.len()];
-        upper
+        let numbers = |steps: &'_ Vec<u32>| steps.clone().into_iter().map(|step| step as usize - self.first_free);
+        UpperTriangle::of_chain(layout.poses, layout.seen_from.iter().map(numbers))
     }
 
     /// Fills the precision and returns minus the gradient.

@@ -7,6 +7,7 @@
 //! **Source:** `beevers2007fixedlag` for the idea of drawing past poses again; the exact factorisation
 //! (`montemerlo2002fastslam`, eq. 3) is what makes landmarks follow from a path. Exact in a linear-Gaussian world.
 
+mod border;
 mod closing;
 mod conditional;
 mod differences;
@@ -16,6 +17,10 @@ mod factor;
 mod graph;
 mod guess;
 mod history;
+mod rows;
+
+pub use border::{Anchors, Bordered, Priors};
+pub use rows::{Problem, Rows, Sight, OF_SENSOR};
 
 pub(crate) use closing::{Closing, RARE};
 pub(crate) use draws::{draw, fill_normal, Drawn, Sampling};
