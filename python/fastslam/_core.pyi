@@ -85,6 +85,9 @@ def detect(
     ValueError for a geometry that makes no sense.
     """
 
+def sensor_twists(config_json: str, control_stamps_s: Floats, controls: Floats, stamp_s: Floats) -> Floats:
+    """Velocities (N, 3) of the sensor at stamps (N,) in its own frame, by the controls of a log."""
+
 def verdicts() -> list[str]:
     """What may become of a piece of a scan, by number."""
 
@@ -208,6 +211,10 @@ class Stream:
         self, stamp_s: float, control: list[float], covariance: list[list[float]] | None = None
     ) -> str: ...
     def sightings(self, stamp_s: float, scan: _ScanColumns) -> str: ...
+    def scan_with(self, detector_json: str, geometry_json: str) -> None:
+        """From here on scans of a laser are taken. ValueError for settings or a geometry that are none."""
+
+    def scan(self, stamp_s: float, ranges_m: Floats, intensities: Floats | None = None) -> str: ...
     def end(self) -> str: ...
     def step(self) -> tuple[_StampedPose, dict[str, Any]] | None: ...
     def finish(self) -> bool: ...

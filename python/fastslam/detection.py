@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from . import _core
+from .config import Config
 from .errors import ConfigError, DataError
 from .log import Controls, Floats, Ints, Log, Scans, Sightings
 from .settings import Layer, Schema, Settings
@@ -104,8 +105,7 @@ def detect(log: Log, config: Layer | None = None) -> Log:
         detections = find(log.scans, settings, twists=sensor_twists(log))
     except DataError as error:
         raise DataError(str(error), log.source) from None
-    x_m, y_m, yaw_rad = log.scans.mounting
-    sensor = {**log.config.get("sensor", {}), "mounting": {"x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad}}
+    sensor = {**log.config.get("sensor", {}), "mounting": _mounting(log.scans)}
     unknown = np.full(len(detections.stamp_s), -1, dtype=np.int64)
     sightings = Sightings(
         stamp_s=detections.stamp_s,
@@ -129,17 +129,19 @@ def with_sightings(log: Log) -> Log:
 def sensor_twists(log: Log) -> Floats | None:
     """Velocity of the sensor at each scan from the controls; None where motion within scans is not corrected.
 
-    Shapes: (N, 3) as forward and left in m/s, turn in rad/s, in the sensor frame.
+    Shapes: (N, 3) as forward and left in m/s, turn in rad/s, in the sensor frame. A speed counts from its
+    stamp on, a displacement from the stamp before up to its own; the robot stands where no row tells. Errors:
+    ConfigError for the log's settings.
     """
     if log.scans is None or not log.scans.geometry.beam_period_s:
         return None
-    held = robot_twists(log.controls, log.config.get("motion", {}))
-    last = np.searchsorted(log.controls.stamp_s, log.scans.stamp_s, side="right") - 1
-    forward, left, turn = held[np.clip(last, 0, len(held) - 1)].T
-    x_m, y_m, yaw_rad = log.scans.mounting
-    forward, left = forward - turn * y_m, left + turn * x_m
-    cosine, sine = np.cos(yaw_rad), np.sin(yaw_rad)
-    return np.column_stack([cosine * forward + sine * left, cosine * left - sine * forward, turn])
+    config = Config.resolve(log.config, {"sensor": {"mounting": _mounting(log.scans)}})
+    stamp_s = log.scans.stamp_s - config["sensor"]["delay_s"]
+    return _core.sensor_twists(config.to_json(), log.controls.stamp_s, log.controls.values, stamp_s)
+
+
+def _mounting(scans: Scans) -> dict[str, float]:
+    return dict(zip(("x_m", "y_m", "yaw_rad"), scans.mounting, strict=True))
 
 
 def robot_twists(controls: Controls, motion: dict[str, Any]) -> Floats:

@@ -10,20 +10,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core
-from ._given import numbers, shown
 from .config import Config
 from .errors import DataError, NumericalError
 from .filter import StepInfo, checked_control, core_errors, landmark_map, step_info
-from .limits import stamp_fault
 from .log import Floats, Log
 from .maps import Anywhere, Changes, Map, StartLike, changes, core_start
 from .result import LandmarkMap, RunResult, Trajectory
 from .rows import Row
-from .scan_call import Identity, checked_scan, measured_scan, number
+from .scan_call import (
+    Identity,
+    checked_covariance,
+    checked_scan,
+    checked_stamp,
+    class_numbers,
+    measured_scan,
+    number,
+)
+from .scanner import Scanner, checked_turn
 from .sensors import Sensor, adapted, own_layer
 from .settings import Layer
 
@@ -82,7 +88,8 @@ class Robot:
     steps are returned, `modes` says where it may be, and what needs a place in the map is a `DataError`.
     Then the rows so far are taken anew from there, and their steps returned.
 
-    `sensor` is one of your own (`fastslam.sensors.Sensor`), as for `FastSlam`.
+    `sensor` is one of your own (`fastslam.sensors.Sensor`), as for `FastSlam`. With `scanner` the robot takes
+    raw turns of a laser by `scan`, and detects landmarks in them itself.
 
     Several threads may share one robot: each call sees it between two calls of the others.
 
@@ -92,6 +99,8 @@ class Robot:
     _chart: Map | None
     _search: RobotSearch | None
     _step: Step | None
+    _scanner: tuple[str, str] | None
+    """Settings of the detector, and the geometry of the beams."""
     _kept: list[Row] | None = None
     """Rows for a result, where somebody wants one."""
     _refused: dict[str, int]
@@ -107,8 +116,10 @@ class Robot:
         map: Map | Path | str | None = None,
         start: StartLike = None,
         sensor: Sensor | None = None,
+        scanner: Scanner | None = None,
     ) -> None:
         self.config = Config.resolve(config or {}, own_layer(sensor))
+        self._scanner = None if scanner is None else scanner.to_json()
         self._adapter = adapted(sensor)
         chosen = window or Window()
         chart = Map.load(map) if isinstance(map, Path | str) else map
@@ -128,6 +139,8 @@ class Robot:
     def _fresh_stream(self) -> _core.Stream:
         with core_errors():
             stream = _core.Stream(self.config.to_json(), self._kind, self._window, self._adapter)
+            if self._scanner is not None:
+                stream.scan_with(*self._scanner)
         if self._kept is not None:
             stream.keep_steps()
         return stream
@@ -145,6 +158,8 @@ class Robot:
 
         if self._chart is None:
             raise DataError("start: anywhere needs a map to be found in")
+        if self._scanner is not None:
+            raise DataError("start: anywhere needs sightings; with a scanner, detect them first")
         self._search = RobotSearch(self._chart, self.config)
 
     def _begin(self, stream: _core.Stream, *, names: Sequence[str] = (), classes: Sequence[str] = ()) -> None:
@@ -167,8 +182,8 @@ class Robot:
 
         Errors: `DataError` for another number of values, or values that are none.
         """
-        values, stamp = checked_control(control, self._control_columns), _stamp(stamp_s)
-        stated = None if covariance is None else _covariance(covariance)
+        values, stamp = checked_control(control, self._control_columns), checked_stamp(stamp_s)
+        stated = None if covariance is None else checked_covariance(covariance)
         with self._lock:
             self._check_going_on()
             return self._taken(Row("odometry", stamp, (values, stated)))[1]
@@ -189,17 +204,33 @@ class Robot:
         Shapes and errors as of `FastSlam.update`, but that a stamp that goes back is counted and no error;
         `class_name` is None where there is none. `sensor.delay_s` is taken off the stamp, as in a run.
         """
-        delay_s = self.config["sensor"]["delay_s"]
-        stamp = _stamp(stamp_s) - delay_s if delay_s else _stamp(stamp_s)
+        stamp = self._when_seen(stamp_s)
         with self._lock:
             self._check_going_on()
-            new_classes, class_index = self._class_index(class_name)
+            new_classes, class_index = class_numbers(class_name, self._index_of_class)
             measured = measured_scan(self.config, self._adapter, range_m, bearing_rad)
             scan = checked_scan(self.config, measured, identity, covariance, class_index, signature)
             new_names = scan.new_names(self._index_of)
             columns = scan.columns(ChainMap(new_names, self._index_of))
             names = (new_names, new_classes)
             return self._taken(Row("sightings", stamp, columns), names)[1]
+
+    def scan(
+        self, stamp_s: float, ranges_m: ArrayLike, *, intensities: ArrayLike | None = None
+    ) -> tuple[Step, ...]:
+        """Takes one turn of the laser (B,), as in `fastslam.log.Scans`: what is detected in it was seen then.
+
+        A turn in which nothing is found is no step. `sensor.delay_s` is taken off the stamp, that of beam 0.
+        Errors: `DataError` for a turn that does not fit the scanner, or a robot without one.
+        """
+        stamp, turn = self._when_seen(stamp_s), checked_turn(ranges_m, intensities)
+        with self._lock:
+            self._check_going_on()
+            return self._taken(Row("scan", stamp, turn))[1]
+
+    def _when_seen(self, stamp_s: float) -> float:
+        stamp, delay_s = checked_stamp(stamp_s), self.config["sensor"]["delay_s"]
+        return stamp - delay_s if delay_s else stamp
 
     def end(self) -> tuple[Step, ...]:
         """Takes the rows that still wait, and lets the filter learn what it can from the whole drive."""
@@ -236,7 +267,8 @@ class Robot:
             if self._kept is None:
                 raise DataError("nothing was kept: call keep_result before the first row")
             identity_names, class_names, _ = self._names()
-            log = log_of(self._kept, len(self._control_columns), name=name, config=dict(self.config))
+            config, columns = dict(self.config), len(self._control_columns)
+            log = log_of(self._kept, columns, name=name, config=config, scanner=self._scanner)
             log = replace(log, identity_names=identity_names, class_names=class_names)
             given = Given(self._chart, None, identity_names)
             return result_of(self._stream.output(), log, self.config, given), log
@@ -367,6 +399,7 @@ class Robot:
                 search=None if self._search is None else self._search.to_json(),
                 stream=[self._kind, self._window],
                 refused=self._refused or None,
+                scanner=self._scanner,
             )
             return self._stream.save(kept)
 
@@ -385,6 +418,7 @@ class Robot:
         if "stream" in kept:
             self._kind, self._window = kept["stream"][0], tuple(kept["stream"][1])
         self._refused = kept.get("refused", {})
+        self._scanner = tuple(kept["scanner"]) if "scanner" in kept else None
         if "chart" in kept:
             from .searching import chart_of_json, search_of_json
 
@@ -459,39 +493,6 @@ class Robot:
         if self._search is not None:
             raise DataError("the robot is still searched for in its map: see `searching` and `modes`")
 
-    def _class_index(
-        self, class_name: Sequence[str | None] | None
-    ) -> tuple[dict[str, int], list[int] | None]:
-        """Numbers for classes that are new, and that of each sighting."""
-        if class_name is None:
-            return {}, None
-        if isinstance(class_name, str):
-            raise DataError(f"class_name: got the text {class_name!r}, expected one name per sighting")
-        new: dict[str, int] = {}
-        for name in class_name:
-            if not isinstance(name, str | None):
-                raise DataError(f"class_name: got {shown(name)}, expected a name or None")
-            if name is not None and name not in self._index_of_class:
-                new.setdefault(name, len(self._index_of_class) + len(new))
-        known = ChainMap(new, self._index_of_class)
-        return new, [-1 if name is None else known[name] for name in class_name]
-
     def _check_going_on(self) -> None:
         if self._ended:
             raise DataError("the stream was ended")
-
-
-def _stamp(stamp_s: float) -> float:
-    stamp = number("stamp_s", stamp_s)
-    fault = stamp_fault(stamp) if np.isfinite(stamp) else f"got {stamp}, expected seconds"
-    if fault is not None:
-        raise DataError(f"stamp_s: {fault}")
-    return stamp
-
-
-def _covariance(covariance: ArrayLike) -> list[list[float]]:
-    matrix = numbers("covariance", covariance)
-    if matrix.shape != (3, 3):
-        raise DataError(f"covariance: got shape {matrix.shape}, expected (3, 3)")
-    rows: list[list[float]] = matrix.tolist()
-    return rows

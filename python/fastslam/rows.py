@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from . import _core
-from .log import Controls, Floats, Ints, Log, Sightings
+from .log import BeamGeometry, Controls, Floats, Ints, Log, Scans, Sightings
 
 _UPPER = np.triu_indices(3)
 
@@ -18,7 +19,7 @@ _UPPER = np.triu_indices(3)
 class Row:
     """A row that a stream has taken, to be given to another one."""
 
-    kind: Literal["odometry", "sightings"]
+    kind: Literal["odometry", "sightings", "scan"]
     stamp_s: float
     values: tuple[Any, ...]
 
@@ -26,6 +27,8 @@ class Row:
         """Gives it to a stream; what became of it."""
         if self.kind == "odometry":
             return stream.odometry(self.stamp_s, *self.values)
+        if self.kind == "scan":
+            return stream.scan(self.stamp_s, *self.values)
         columns: _core._ScanColumns = self.values
         return stream.sightings(self.stamp_s, columns)
 
@@ -40,6 +43,9 @@ class Row:
         kind, stamp_s, values = kept
         if kind == "odometry":
             return cls("odometry", stamp_s, tuple(values))
+        if kind == "scan":
+            turn = [None if value is None else np.array(value, dtype=np.float64) for value in values]
+            return cls("scan", stamp_s, tuple(turn))
         integers = (2, 4)
         columns = [
             None if value is None else np.array(value, dtype=np.int64 if place in integers else np.float64)
@@ -50,13 +56,21 @@ class Row:
         return cls("sightings", stamp_s, tuple(columns))
 
 
-def log_of(rows: Sequence[Row], columns: int, *, name: str, config: dict[str, Any]) -> Log:
+def log_of(
+    rows: Sequence[Row],
+    columns: int,
+    *,
+    name: str,
+    config: dict[str, Any],
+    scanner: tuple[str, str] | None = None,
+) -> Log:
     """Rows as a log in time order, without names; `columns` are those of the motion model.
 
     Streams take `sensor.delay_s` off the stamps of sightings; a log has them as they were reported.
     """
     driven = sorted((row for row in rows if row.kind == "odometry"), key=lambda row: row.stamp_s)
     scans = sorted((row for row in rows if row.kind == "sightings"), key=lambda row: row.stamp_s)
+    turns = sorted((row for row in rows if row.kind == "scan"), key=lambda row: row.stamp_s)
     controls = Controls(
         np.array([row.stamp_s for row in driven]),
         np.array([row.values[0][:columns] for row in driven], dtype=np.float64).reshape(-1, columns),
@@ -90,7 +104,31 @@ def log_of(rows: Sequence[Row], columns: int, *, name: str, config: dict[str, An
         format="native",
         controls=controls,
         sightings=sightings,
+        scans=_scans(turns, delay_s, scanner, config["sensor"]["mounting"]) if scanner and turns else None,
         config=config,
+    )
+
+
+def _scans(
+    turns: Sequence[Row], delay_s: float, scanner: tuple[str, str], mounting: Mapping[str, float]
+) -> Scans:
+    """Turns of a laser as the scans of a log; where some have fewer beams, the rest of them tell nothing."""
+    beams = max(len(row.values[0]) for row in turns)
+
+    def column(place: int) -> Floats:
+        whole = np.full((len(turns), beams), np.nan)
+        for to, row in zip(whole, turns, strict=True):
+            if row.values[place] is not None:
+                to[: len(row.values[place])] = row.values[place]
+        return whole
+
+    return Scans(
+        stamp_s=np.array([row.stamp_s + delay_s for row in turns]),
+        ranges_m=column(0),
+        geometry=BeamGeometry(**json.loads(scanner[1])),
+        intensities=None if all(row.values[1] is None for row in turns) else column(1),
+        mounting=(mounting["x_m"], mounting["y_m"], mounting["yaw_rad"]),
+        detector=json.loads(scanner[0]),
     )
 
 

@@ -13,7 +13,7 @@ from ._given import numbers, shown
 from .config import Config
 from .errors import DataError
 from .identity import nobody_knows
-from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, is_definite
+from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, is_definite, stamp_fault
 from .log import Floats, Ints
 from .measured import measured_columns
 from .sensors import Adapter
@@ -21,6 +21,42 @@ from .sensors import Adapter
 Identity = str | float | None
 """Name or number (from 0) of a landmark; None, -1, NaN and some words where nobody says which one it is
 (`fastslam.identity.NOBODY_KNOWS`)."""
+
+
+def checked_stamp(stamp_s: float) -> float:
+    """A stamp in seconds. Errors: `DataError` for what is none."""
+    stamp = number("stamp_s", stamp_s)
+    fault = stamp_fault(stamp) if np.isfinite(stamp) else f"got {stamp}, expected seconds"
+    if fault is not None:
+        raise DataError(f"stamp_s: {fault}")
+    return stamp
+
+
+def checked_covariance(covariance: ArrayLike) -> list[list[float]]:
+    """The covariance (3, 3) of a row of odometry. Errors: `DataError` for another shape."""
+    matrix = numbers("covariance", covariance)
+    if matrix.shape != (3, 3):
+        raise DataError(f"covariance: got shape {matrix.shape}, expected (3, 3)")
+    rows: list[list[float]] = matrix.tolist()
+    return rows
+
+
+def class_numbers(
+    class_name: Sequence[str | None] | None, index_of: Mapping[str, int]
+) -> tuple[dict[str, int], list[int] | None]:
+    """Numbers for classes that are new, and that of each sighting. Errors: `DataError` for no names."""
+    if class_name is None:
+        return {}, None
+    if isinstance(class_name, str):
+        raise DataError(f"class_name: got the text {class_name!r}, expected one name per sighting")
+    new: dict[str, int] = {}
+    for name in class_name:
+        if not isinstance(name, str | None):
+            raise DataError(f"class_name: got {shown(name)}, expected a name or None")
+        if name is not None and name not in index_of:
+            new.setdefault(name, len(index_of) + len(new))
+    known = {**index_of, **new}
+    return new, [-1 if name is None else known[name] for name in class_name]
 
 
 def measured_scan(

@@ -14,13 +14,15 @@ use serde_json::Value;
 /// What every snapshot begins with.
 const MAGIC: [u8; 8] = *b"fastslam";
 /// Layout of what is stored. It goes up whenever a stored type changes; a stored file in the tests tells when.
-pub const FORMAT: u32 = FADING;
+pub const FORMAT: u32 = SCANS;
 /// The oldest format that is still read.
 const OLDEST_FORMAT: u32 = 2;
 /// The first format with what a filter was given to begin with behind its state.
 pub(crate) const GIVEN_MAPS: u32 = 3;
 /// The first format with what makes landmarks fade behind that.
 pub(crate) const FADING: u32 = 4;
+/// The first format with the scans of a stream that wait.
+pub(crate) const SCANS: u32 = 5;
 /// Magic, format, length of the content, checksum of the content.
 const PREAMBLE: usize = MAGIC.len() + 4 + 8 + 4;
 
@@ -241,7 +243,7 @@ mod tests {
         assert!(message(b"PK").contains("no snapshot of fastslam"));
         let mut newer = sealed();
         newer[8] += 1;
-        assert!(message(&newer).contains("a newer format, 5; this version reads 2 to 4"));
+        assert!(message(&newer).contains("a newer format, 6; this version reads 2 to 5"));
         assert!(message(&sealed()[..99]).contains("cut off"));
         let of_a_run = seal(&Head::of_run(&Config::default(), Identities::All).unwrap(), &0).unwrap();
         assert!(message(&of_a_run).contains("of a run"));

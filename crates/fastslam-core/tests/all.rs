@@ -24,6 +24,7 @@ mod randomness;
 mod range_only;
 mod rejuvenation;
 mod robustness;
+mod scans;
 mod state;
 mod stores_agree;
 mod stores_agree_on_logs;

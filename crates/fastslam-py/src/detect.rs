@@ -3,8 +3,10 @@
 use crate::settings::{from_json, schema_of, to_json, to_python};
 use fastslam_core::detect::{BeamGeometry, Detection, Detector, DetectorConfig, Piece, Scan, Verdict};
 use fastslam_core::error::{Error, Result};
+use fastslam_core::stream::{at_sensor, velocity_at};
+use fastslam_core::timeline::ControlRow;
 use numpy::ndarray::{ArrayView1, ArrayView2};
-use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -162,6 +164,25 @@ fn detect<'py>(
     Ok((detection_columns(py, &found, stamps)?, piece_columns(py, &pieces)?))
 }
 
+/// Velocities (N, 3) of the sensor at stamps (N), in its own frame, by the controls of a log.
+#[pyfunction]
+fn sensor_twists<'py>(
+    py: Python<'py>,
+    config_json: &str,
+    control_stamps_s: PyReadonlyArray1<'py, f64>,
+    controls: PyReadonlyArray2<'py, f64>,
+    stamp_s: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let config = crate::config::parse(config_json)?;
+    let rows = control_stamps_s.as_array().into_iter().zip(crate::arrays::controls(&controls)?);
+    let rows: Vec<ControlRow> =
+        rows.map(|(stamp_s, control)| ControlRow { stamp_s: *stamp_s, control, covariance: None }).collect();
+    let mounting = config.sensor.mounting.T_robot_sensor();
+    let twist = |stamp_s: &f64| at_sensor(velocity_at(&config.motion, &rows, *stamp_s), mounting);
+    let twists: Vec<f64> = stamp_s.as_array().iter().flat_map(twist).collect();
+    twists.into_pyarray(py).reshape([stamp_s.as_array().len(), 3])
+}
+
 /// What may become of a piece of a scan, by number.
 #[pyfunction]
 fn verdicts() -> Vec<&'static str> {
@@ -207,5 +228,6 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(detector_schema, module)?)?;
     module.add_function(wrap_pyfunction!(resolve_detector, module)?)?;
     module.add_function(wrap_pyfunction!(verdicts, module)?)?;
+    module.add_function(wrap_pyfunction!(sensor_twists, module)?)?;
     module.add_function(wrap_pyfunction!(detect, module)?)
 }

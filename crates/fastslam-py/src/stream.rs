@@ -3,7 +3,7 @@
 use crate::filter::{identities_named, Scan};
 use crate::given::{GivenMap, GivenStart};
 use crate::sensor::{self, check_not_asked, Sensor};
-use crate::settings::{to_json, to_python};
+use crate::settings::{from_json, to_json, to_python};
 use crate::view::{hypotheses_to_arrays, map_to_dict, path_to_arrays, View};
 use crate::{config, given, noise, run, step};
 use fastslam_core::config::Config;
@@ -11,9 +11,9 @@ use fastslam_core::error::Result;
 use fastslam_core::filter::PoseEstimate;
 use fastslam_core::geometry::Matrix3;
 use fastslam_core::run::RunOutput;
-use fastslam_core::stream::{StepRecord, Stream as Core, Taken, Window};
+use fastslam_core::stream::{ScanRow, Scanner, StepRecord, Stream as Core, Taken, Window};
 use fastslam_core::timeline::{ControlRow, Row};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PySystemError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -46,8 +46,8 @@ impl Stream {
         self.steps.lock().map_err(|_| PySystemError::new_err("the stream failed in an earlier call"))
     }
 
-    fn put(&self, py: Python<'_>, row: Row) -> PyResult<&'static str> {
-        let taken: Result<Taken> = self.locked(py, |stream| stream.push(row))?;
+    fn put(&self, py: Python<'_>, push: impl FnOnce(&mut Core) -> Result<Taken> + Send) -> PyResult<&'static str> {
+        let taken: Result<Taken> = self.locked(py, push)?;
         Ok(match taken.map_err(to_python)? {
             Taken::Yes => "taken",
             Taken::Late => "late",
@@ -124,18 +124,38 @@ impl Stream {
         control: [f64; 3],
         covariance: Option<Matrix3>,
     ) -> PyResult<&'static str> {
-        self.put(py, Row::Control(ControlRow { stamp_s, control, covariance }))
+        self.put(py, |stream| stream.push(Row::Control(ControlRow { stamp_s, control, covariance })))
     }
 
     /// As `odometry`, of the sightings of one moment.
     fn sightings(&self, py: Python<'_>, stamp_s: f64, scan: Scan<'_>) -> PyResult<&'static str> {
         let seen = scan.sightings(&self.config)?;
-        self.put(py, Row::Sightings(stamp_s, seen))
+        self.put(py, |stream| stream.push(Row::Sightings(stamp_s, seen)))
+    }
+
+    /// From here on scans of a laser are taken; `geometry_json` holds the fields of `BeamGeometry`.
+    fn scan_with(&self, py: Python<'_>, detector_json: &str, geometry_json: &str) -> PyResult<()> {
+        let scanner = Scanner { geometry: from_json(geometry_json)?, detector: from_json(detector_json)? };
+        self.locked(py, |stream| stream.scan_with(scanner))?.map_err(to_python)
+    }
+
+    /// As `odometry`, of one turn of the laser.
+    #[pyo3(signature = (stamp_s, ranges_m, intensities=None))]
+    fn scan(
+        &self,
+        py: Python<'_>,
+        stamp_s: f64,
+        ranges_m: PyReadonlyArray1<'_, f64>,
+        intensities: Option<PyReadonlyArray1<'_, f64>>,
+    ) -> PyResult<&'static str> {
+        let intensities = intensities.map(|array| array.as_array().to_vec());
+        let scan = ScanRow { stamp_s, ranges_m: ranges_m.as_array().to_vec(), intensities };
+        self.put(py, |stream| stream.push_scan(scan))
     }
 
     /// Nothing more comes.
     fn end(&self, py: Python<'_>) -> PyResult<&'static str> {
-        self.put(py, Row::End)
+        self.put(py, |stream| stream.push(Row::End))
     }
 
     /// The next step that the rows allow: its stamp, pose, covariance and fields; none where more must come.

@@ -21,6 +21,24 @@ pub struct Scan<'a> {
     pub twist: Option<[f64; 3]>,
 }
 
+impl Scan<'_> {
+    /// **Errors:** a geometry that makes no sense, intensities of another number than the ranges, or a twist that is not
+    /// finite.
+    pub fn check(&self) -> Result<()> {
+        self.geometry.validate(self.ranges_m.len()).map_err(|e| e.within("geometry"))?;
+        if let Some(intensities) = self.intensities {
+            if intensities.len() != self.ranges_m.len() {
+                let (got, expected) = (intensities.len(), self.ranges_m.len());
+                return Err(Error::Input(format!("scan: got {got} intensities for {expected} ranges")));
+            }
+        }
+        for value in self.twist.unwrap_or_default() {
+            finite("twist", value)?;
+        }
+        Ok(())
+    }
+}
+
 /// More beams than any planar laser has; bounds the memory that a wrong header can ask for.
 const MAX_BEAMS: usize = 1 << 20;
 

@@ -21,7 +21,7 @@ pub use reflectors::Reflectors;
 pub use trunks::Trunks;
 pub use verdict::{Piece, Verdict};
 
-use crate::error::{finite, Error, Result};
+use crate::error::Result;
 use crate::geometry::Symmetric2;
 use crate::math;
 use beams::Beams;
@@ -121,7 +121,7 @@ impl Detector {
     /// the ranges. Ranges and intensities may hold anything.
     pub fn detect(&mut self, scan: &Scan, found: &mut Vec<Detection>) -> Result<usize> {
         self.pieces.clear();
-        check(scan)?;
+        scan.check()?;
         let before = found.len();
         self.beams.load(scan);
         match self.config.kind {
@@ -136,20 +136,6 @@ impl Detector {
     pub fn pieces(&self) -> &[Piece] {
         &self.pieces
     }
-}
-
-fn check(scan: &Scan) -> Result<()> {
-    scan.geometry.validate(scan.ranges_m.len()).map_err(|e| e.within("geometry"))?;
-    if let Some(intensities) = scan.intensities {
-        if intensities.len() != scan.ranges_m.len() {
-            let (got, expected) = (intensities.len(), scan.ranges_m.len());
-            return Err(Error::Input(format!("scan: got {got} intensities for {expected} ranges")));
-        }
-    }
-    for value in scan.twist.unwrap_or_default() {
-        finite("twist", value)?;
-    }
-    Ok(())
 }
 
 /// A point with its Cartesian covariance as range, bearing and their covariance; None at the origin or where a number

@@ -1,6 +1,7 @@
 //! The filter on a stream of rows: what a run over a log and a robot that drives have in common.
 
 mod intake;
+mod scanner;
 mod unsampled;
 
 use crate::config::Config;
@@ -11,11 +12,13 @@ use crate::given::Beginning;
 use crate::motion::MotionGaussian;
 use crate::sighting::{Sighting, Skipped};
 use crate::slam::{self, Maker, Slam};
-use crate::snapshot::{content, open, seal, Head, Holds};
+use crate::snapshot::{content, open, seal, Head, Holds, SCANS};
 use crate::step_info::StepInfo;
 use crate::timeline::{Event, Row, Timeline};
 use intake::{stamp_of, Intake};
 pub use intake::{Refused, Taken, Window};
+use scanner::Scanning;
+pub use scanner::{at_sensor, velocity_at, ScanRow, Scanner};
 use serde::{Deserialize, Serialize};
 use unsampled::with_unsampled;
 pub(crate) use unsampled::PathStep;
@@ -46,7 +49,7 @@ pub(crate) struct Tally {
     pub repaired: u64,
 }
 
-/// What follows the head of a snapshot; the last is the filter's own.
+/// What follows the head of a snapshot; the last is the filter's own. Then come the scanner and its scans, if any.
 #[derive(Deserialize)]
 struct Stored(Timeline, Intake, Tally, MotionGaussian, Vec<u8>);
 
@@ -62,6 +65,7 @@ pub struct Stream {
     tally: Tally,
     /// Motion since the last step.
     since: MotionGaussian,
+    scanning: Option<Scanning>,
 }
 
 impl Stream {
@@ -79,7 +83,7 @@ impl Stream {
         let filter = make(config.clone(), identities)?;
         let timeline = Timeline::new(config.motion.timing(), config.filter.path_period_s, window.wait_s);
         let (intake, tally, since) = (Intake::new(window), Tally::default(), MotionGaussian::default());
-        Ok(Self { config, identities, filter, timeline, intake, tally, since })
+        Ok(Self { config, identities, filter, timeline, intake, tally, since, scanning: None })
     }
 
     /// Starts in a given map, at a given pose: before anything else.
@@ -87,6 +91,14 @@ impl Stream {
     /// **Errors:** those of [`Slam::begin`].
     pub fn begin(&mut self, beginning: &Beginning) -> Result<()> {
         self.filter.begin(beginning)
+    }
+
+    /// Takes scans of this laser from here on ([`Stream::push_scan`]).
+    ///
+    /// **Errors:** settings or a geometry that make no sense.
+    pub fn scan_with(&mut self, scanner: Scanner) -> Result<()> {
+        self.scanning = Some(Scanning::new(scanner)?);
+        Ok(())
     }
 
     /// Takes a row; what follows from it is computed by [`Stream::step`].
@@ -97,22 +109,76 @@ impl Stream {
             self.config.association.check_classes(seen)?;
         }
         if let Some(stamp_s) = stamp_of(&row)? {
-            let taken = self.intake.judge(stamp_s, self.timeline.settled_s());
+            let taken = self.intake.judge(stamp_s, self.settled_s());
             if taken != Taken::Yes {
                 return Ok(taken);
             }
         }
+        if let (Some(scanning), Row::End) = (&mut self.scanning, &row) {
+            // The timeline ends with the last of what the scans show.
+            scanning.end();
+            return Ok(Taken::Yes);
+        }
+        let control = if let Row::Control(control) = &row { Some(*control) } else { None };
         if !self.timeline.put(row) {
             return Ok(self.intake.refuse(Taken::Repeated));
         }
-        self.timeline.settle(self.intake.settled_s());
+        match (&mut self.scanning, control) {
+            (Some(scanning), Some(control)) => scanning.moves(control),
+            (Some(_), None) => {}
+            (None, _) => self.timeline.settle(self.intake.settled_s()),
+        }
         Ok(Taken::Yes)
+    }
+
+    /// Takes a scan, as [`Stream::push`] does a row. What is seen in it counts as sightings of its stamp; where nothing
+    /// is, it counts for nothing. Where the motion within scans is corrected, a scan waits for the odometry that tells it.
+    ///
+    /// **Errors:** a scan that does not fit the scanner, or a stream without one; nothing has changed then.
+    pub fn push_scan(&mut self, scan: ScanRow) -> Result<Taken> {
+        let settled_s = self.settled_s();
+        let Some(scanning) = &mut self.scanning else {
+            return Err(Error::Input("scans need a scanner, which the stream has none of".into()));
+        };
+        scanning.check(&scan)?;
+        let taken = self.intake.judge(scan.stamp_s, settled_s);
+        if taken == Taken::Yes && !scanning.put(scan) {
+            return Ok(self.intake.refuse(Taken::Repeated));
+        }
+        Ok(taken)
+    }
+
+    /// Rows before this moment are late.
+    fn settled_s(&self) -> f64 {
+        let ended = self.scanning.as_ref().is_some_and(Scanning::has_ended);
+        self.timeline.settled_s().max(if ended { f64::INFINITY } else { self.intake.settled_s() })
+    }
+
+    /// Sees what is in the scans that need not wait, and lets the timeline go up to the next one.
+    ///
+    /// **Errors:** those of [`Scanning::next`].
+    fn scan(&mut self) -> Result<()> {
+        let Some(scanning) = &mut self.scanning else { return Ok(()) };
+        let settled_s = self.intake.settled_s();
+        while let Some((stamp_s, seen)) = scanning.next(&self.config, settled_s, self.intake.window.wait_s)? {
+            if !seen.is_empty() {
+                self.timeline.put(Row::Sightings(stamp_s, seen));
+            }
+        }
+        if !scanning.has_ended() {
+            self.timeline.settle(settled_s.min(scanning.next_s()));
+        } else if self.timeline.settled_s() < f64::INFINITY {
+            self.timeline.put(Row::End);
+        }
+        Ok(())
     }
 
     /// The next step that the rows so far allow; none where more must come.
     ///
-    /// **Errors:** the filter's; where a scan cannot be explained it is as it was before the scan, which is passed over.
+    /// **Errors:** the filter's; where a scan cannot be explained it is as it was before the scan, which is passed over, as
+    /// is one of which nobody can say how the sensor moved meanwhile.
     pub fn step(&mut self) -> Result<Option<StepRecord>> {
+        self.scan()?;
         while let Some(event) = self.timeline.next() {
             self.tally.events += 1;
             match event {
@@ -188,14 +254,15 @@ impl Stream {
 
     /// Rows that wait for others.
     pub fn waiting(&self) -> usize {
-        self.timeline.waiting()
+        self.timeline.waiting() + self.scanning.as_ref().map_or(0, Scanning::waiting)
     }
 
     /// The state as bytes, the rows that wait included, from which [`Stream::load`] goes on to the same bits; `note` is
     /// kept in their head.
     pub fn save(&self, note: &str) -> Result<Vec<u8>> {
         let head = Head::of_stream(&self.config, self.identities, note)?;
-        seal(&head, &(&self.timeline, &self.intake, &self.tally, &self.since, self.filter.save("")?))
+        let rows = (&self.timeline, &self.intake, &self.tally, &self.since, self.filter.save("")?);
+        seal(&head, &(rows, self.scanning.as_ref().map(Scanning::stored).transpose()?))
     }
 
     /// The stream that a snapshot was taken of, with its note.
@@ -204,9 +271,11 @@ impl Stream {
     /// of `make`.
     pub fn load(snapshot: &[u8], make: Maker<'_>) -> Result<(Self, String)> {
         let (head, stored) = open(snapshot, Holds::Stream)?;
-        let Stored(timeline, intake, tally, since, filter) = content(&stored)?;
+        let (Stored(timeline, intake, tally, since, filter), scanning) =
+            if stored.format < SCANS { (content(&stored)?, None) } else { content(&stored)? };
         let fresh = Self::of(head.config()?, head.identities, intake.window, make)?;
-        let mut stream = Self { timeline, intake, tally, since, ..fresh };
+        let scanning = scanning.map(Scanning::restored).transpose()?;
+        let mut stream = Self { timeline, intake, tally, since, scanning, ..fresh };
         stream.filter.restore(&filter)?;
         Ok((stream, head.note))
     }
