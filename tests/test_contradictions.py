@@ -53,7 +53,7 @@ def test_names_are_not_accused_where_the_robot_drifted(
     result, doubted = run(log, monkeypatch, filter_seed)
     # The filter did leave out sightings of names that are sound.
     assert len(doubted) >= 2 or result.steps.ignored.sum() >= 100
-    assert result.verdict == ()
+    assert not [sentence for sentence in result.verdict if "name" in sentence]
 
 
 @pytest.mark.parametrize(("preset", "seed"), [("demo", 1), ("demo", 2), ("loop", 4), ("loop", 7)])

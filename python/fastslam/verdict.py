@@ -11,9 +11,12 @@ from .contradictions import TwoPlaces, share_misnamed, that_contradict_themselve
 from .health import health_warning
 from .log import Floats, Log, Sightings
 from .result import RunResult
+from .trust import LOST, NOT_FOUND, against, doubts
 
 MANY_DROPPED = 0.01
 """From this fraction on, sightings that were not used are worth a line."""
+MOSTLY = 0.5
+"""A run that used a smaller part of the sightings is judged by why it left out the others."""
 MANY_LEFT_OUT = 0.005
 """The same for those whose name cannot be right, most of which are noticed and left out."""
 NOT_FOUND_AGAIN = 0.05
@@ -27,7 +30,8 @@ UNITS = {"feet": 0.3048, "centimetres": 1e-2, "millimetres": 1e-3}
 def warnings_of(result: RunResult) -> tuple[str, ...]:
     """Everything that speaks against a run, a sentence each: verdict, noise, health."""
     unhealthy = health_warning(result.steps)
-    return (*result.verdict, *result.warnings, *(() if unhealthy is None else (unhealthy,)))
+    told = any(sentence.startswith(LOST) for sentence in result.verdict)
+    return (*result.verdict, *result.warnings, *(() if unhealthy is None or told else (unhealthy,)))
 
 
 def is_empty(result: RunResult) -> bool:
@@ -56,7 +60,10 @@ def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -
     of_map = _map_verdict(result, total, explained=bool(dropped))
     missing = not_found_again(result)
     again = () if missing is None else (missing,)
-    return (*dropped, *of_map, *again, *_names(result, log, two_places))
+    others = (doubt for doubt in doubts(result, log) if doubt.rule != NOT_FOUND)
+    # Where most sightings were left out the cause is told already, and all else follows from it.
+    doubted = () if int(result.steps.sightings.sum()) < MOSTLY * total else against(others)
+    return (*dropped, *of_map, *again, *doubted, *_names(result, log, two_places))
 
 
 def not_found_again(result: RunResult) -> str | None:

@@ -1,0 +1,158 @@
+"""The sightings of a log laid on the map that a run came to, along its path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .log import Bools, Floats, Ints, Log
+from .result import RunResult
+
+MOST_IN_CELL = 16
+"""So many of the landmarks in one cell are held against a sighting."""
+WIDE = 0.9
+"""The cells are as wide as sightings can be off at this quantile of their ranges."""
+EXPLAINED_SQUARED = 25.0
+"""A sighting within five deviations of a landmark is explained by it."""
+VIEW_SHARE = 0.75
+"""What lies nearer and less aside than this share of the sightings counts as in view."""
+FRAME_S = 0.02
+"""Sightings closer in time than this are of one frame."""
+
+
+@dataclass(frozen=True)
+class Laid:
+    """Sightings in order of time against the landmarks that are believed.
+
+    Shapes: `stamp_s`, `squared` (squared distance to the landmark that fits best, in the noise configured,
+    infinite where none is near), `landmark` (which one, or -1) and `frame` (S,), `mean_m` (K, 2), `origin`
+    (S, 3) the sensor's pose at each, `range_m` and `bearing_rad` (S,) less what the settings correct.
+    """
+
+    stamp_s: Floats
+    squared: Floats
+    landmark: Ints
+    frame: Ints
+    mean_m: Floats
+    origin: Floats
+    range_m: Floats
+    bearing_rad: Floats
+
+    @property
+    def point_m(self) -> Floats:
+        """Where the sightings (S, 2) put what they show."""
+        direction = self.origin[:, 2] + self.bearing_rad
+        ahead = np.column_stack([np.cos(direction), np.sin(direction)])
+        return np.asarray(self.origin[:, :2] + self.range_m[:, None] * ahead)
+
+    @property
+    def explained(self) -> Bools:
+        """Which sightings (S,) some landmark explains."""
+        return np.asarray(self.squared < EXPLAINED_SQUARED)
+
+    def in_view(self, origin: Floats) -> Bools:
+        """Which landmarks (n, K) lie where most sightings do, seen from poses of the sensor (n, 3)."""
+        reach_m = np.quantile(self.range_m, VIEW_SHARE)
+        aside = np.quantile(np.abs(self.bearing_rad), VIEW_SHARE)
+        apart = self.mean_m[None] - origin[:, None, :2]
+        bearing = _wrapped(np.arctan2(apart[..., 1], apart[..., 0]) - origin[:, 2:])
+        return np.asarray((np.hypot(apart[..., 0], apart[..., 1]) < reach_m) & (np.abs(bearing) < aside))
+
+
+def laid_on_map(result: RunResult, log: Log) -> Laid | None:
+    """Lays the sightings on the confirmed landmarks; None where there is no path or no landmark."""
+    landmarks, path, sensor = result.landmarks, result.path, result.config["sensor"]
+    believed: Bools = np.asarray(np.isfinite(landmarks.mean_m).all(axis=1), dtype=np.bool_)
+    if landmarks.confirmed is not None:
+        believed &= landmarks.confirmed
+    seen = log.sightings
+    if len(path.stamp_s) < 2 or not believed.any() or len(seen.stamp_s) == 0:
+        return None
+    stamp_s = seen.stamp_s - sensor["delay_s"]
+    range_m = (seen.range_m - sensor["range_bias_m"]) / sensor["range_scale"]
+    usable = np.isfinite(range_m) & np.isfinite(seen.bearing_rad)
+    usable &= (range_m >= sensor["min_range_m"]) & (range_m <= sensor["max_range_m"])
+    usable &= (stamp_s >= path.stamp_s[0]) & (stamp_s <= path.stamp_s[-1])
+    rows = np.flatnonzero(usable)
+    rows = rows[np.argsort(stamp_s[rows], kind="stable")]
+    if len(rows) == 0:
+        return None
+    stamp_s, range_m = stamp_s[rows], range_m[rows]
+    bearing = _wrapped(seen.bearing_rad[rows] - sensor["bearing_bias_rad"])
+    origin = _origins(result, stamp_s, sensor["mounting"])
+    mean_m = landmarks.mean_m[believed]
+    squared, landmark = _best(mean_m, origin, (range_m, bearing), sensor)
+    if result.config["association"]["mode"] == "known":
+        own = _by_name(landmarks.ids, believed, log)[rows]
+        named = np.flatnonzero(own >= 0)
+        seen_there = range_m[named], bearing[named]
+        squared[named] = squared_of(mean_m[own[named]], origin[named], seen_there, sensor)
+        landmark[named] = own[named]
+    frame = np.concatenate([[0], np.cumsum(np.diff(stamp_s) > FRAME_S)])
+    return Laid(stamp_s, squared, landmark, frame, mean_m, origin, range_m, bearing)
+
+
+def _origins(result: RunResult, stamp_s: Floats, mounting: Mapping[str, float]) -> Floats:
+    path = result.path
+    x, y, heading = path.T_world_robot[:, 0], path.T_world_robot[:, 1], np.unwrap(path.T_world_robot[:, 2])
+    x, y, heading = (np.interp(stamp_s, path.stamp_s, column) for column in (x, y, heading))
+    cosine, sine = np.cos(heading), np.sin(heading)
+    ahead, left = mounting["x_m"], mounting["y_m"]
+    return np.column_stack(
+        [x + cosine * ahead - sine * left, y + sine * ahead + cosine * left, heading + mounting["yaw_rad"]]
+    )
+
+
+def _by_name(ids: tuple[str, ...], believed: Bools, log: Log) -> Ints:
+    """Row (S,) among the believed landmarks of the one that each sighting names; -1 where it names none."""
+    rows = {ids[row]: number for number, row in enumerate(np.flatnonzero(believed).tolist())}
+    of_identity = np.array([*(rows.get(name, -1) for name in log.identity_names), -1], dtype=np.int64)
+    return np.asarray(of_identity[log.sightings.identity])
+
+
+def _best(
+    mean_m: Floats, origin: Floats, measured: tuple[Floats, Floats], sensor: Mapping[str, Any]
+) -> tuple[Floats, Ints]:
+    """Squared distance (S,) to the landmark that fits best, and which; infinite and -1 where none is near.
+
+    Landmarks lie in square cells as wide as a sighting can be off and be explained; a sighting is held
+    against those of the nine cells around it.
+    """
+    range_m, bearing = measured
+    direction = origin[:, 2] + bearing
+    point_m = origin[:, :2] + range_m[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
+    stds = np.hypot(sensor["range_std_m"], np.quantile(range_m, WIDE) * sensor["bearing_std_rad"])
+    side_m = np.sqrt(EXPLAINED_SQUARED) * float(stds)
+    corner = np.minimum(mean_m.min(axis=0), point_m.min(axis=0)) - side_m
+    cells, cell = (np.floor((points - corner) / side_m).astype(np.int64) for points in (mean_m, point_m))
+    wide = max(int(cells[:, 1].max()), int(cell[:, 1].max())) + 2
+    order = np.argsort(cells[:, 0] * wide + cells[:, 1], kind="stable")
+    keys = (cells[:, 0] * wide + cells[:, 1])[order]
+    squared, landmark = np.full(len(range_m), np.inf), np.full(len(range_m), -1, dtype=np.int64)
+    for ahead, aside in np.ndindex(3, 3):
+        key = (cell[:, 0] + ahead - 1) * wide + cell[:, 1] + aside - 1
+        start, end = np.searchsorted(keys, key, "left"), np.searchsorted(keys, key, "right")
+        for place in range(min(int((end - start).max()), MOST_IN_CELL)):
+            rows = np.flatnonzero(start + place < end)
+            held = order[start[rows] + place]
+            found = squared_of(mean_m[held], origin[rows], (range_m[rows], bearing[rows]), sensor)
+            better = found < squared[rows]
+            squared[rows[better]], landmark[rows[better]] = found[better], held[better]
+    return squared, landmark
+
+
+def squared_of(
+    mean_m: Floats, origin: Floats, measured: tuple[Floats, Floats], sensor: Mapping[str, Any]
+) -> Floats:
+    """Squared distance (n,) of sightings from landmarks (n, 2), in the noise that was told."""
+    apart = mean_m - origin[:, :2]
+    by_range = (measured[0] - np.hypot(apart[:, 0], apart[:, 1])) / sensor["range_std_m"]
+    turned = origin[:, 2] + measured[1] - np.arctan2(apart[:, 1], apart[:, 0])
+    return np.asarray(by_range**2 + (_wrapped(turned) / sensor["bearing_std_rad"]) ** 2)
+
+
+def _wrapped(angle: Floats) -> Floats:
+    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)

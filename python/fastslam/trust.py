@@ -1,0 +1,98 @@
+"""Whether a run is to be believed: what speaks against its map, each by how far it goes beyond its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from .health import health_summary
+from .laid import laid_on_map
+from .log import Log
+from .result import RunResult
+from .standing import Standing, standing
+
+MOST_WRONG = 0.1
+"""A map of which more of the landmarks are wrong is not to be believed."""
+FEW = 3
+"""Fewer than this many landmarks that are odd say nothing."""
+MOST_LOST = 0.02
+"""A filter that is lost now and then comes back at times, and mostly to another map."""
+LARGEST_INNOVATION_STD = 1.25
+"""Innovations this many times as large as the noise explains are told (as in `noise`); it is squared here."""
+MOST_UNEXPLAINED = 0.1
+"""Share of the sightings that were used in the run and are far from every landmark of the map."""
+
+
+LOST = "the filter was lost"
+NOT_FOUND = "not found again"
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """One thing that speaks against a run: which rule, how many times its limit, and a sentence."""
+
+    rule: str
+    ratio: float
+    """From 1 on the run is not to be believed."""
+    sentence: str
+
+
+def doubts(result: RunResult, log: Log) -> tuple[Doubt, ...]:
+    """What speaks against the map of a run over a log, strongest first, all of it whatever the limit."""
+    if result.interrupted or result.config["sensor"]["model"] != "range_bearing":
+        return ()
+    found = [*_of_steps(result), *_of_map(result, log)]
+    return tuple(sorted(found, key=lambda doubt: -doubt.ratio))
+
+
+def against(found: Iterable[Doubt]) -> tuple[str, ...]:
+    """The sentences of what goes beyond its limit."""
+    return tuple(doubt.sentence for doubt in found if doubt.ratio >= 1.0)
+
+
+def _of_steps(result: RunResult) -> Iterator[Doubt]:
+    lost = health_summary(result.steps).lost
+    if lost is not None:
+        yield Doubt("lost", lost / MOST_LOST, f"{LOST} in {lost:.0%} of its steps")
+    nis, band = result.noise.get("nis"), result.noise.get("nis_band")
+    if nis is not None and band is not None and band[1] > 0:
+        most = band[1] * LARGEST_INNOVATION_STD**2
+        sentence = (
+            f"innovations are larger than the noise explains (NIS {nis:.1f}, at most {band[1]:.1f}): "
+            "the noise is told too small, or map and path are wrong"
+        )
+        yield Doubt("innovations", nis / most, sentence)
+    visited = result.counts.get("landmarks_visited_again", 0)
+    missed = result.counts.get("landmarks_not_found_again", 0)
+    sentence = f"{missed:,} of {visited:,} landmarks were not found when the robot came back to them"
+    yield Doubt(NOT_FOUND, missed / max(FEW, MOST_WRONG * visited), sentence)
+
+
+def _of_map(result: RunResult, log: Log) -> Iterator[Doubt]:
+    laid = laid_on_map(result, log) if result.chart is None else None
+    if laid is None:
+        return
+    named = result.config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
+    stand = standing(laid, named=named)
+    yield Doubt("landmarks", stand.odd / max(FEW, MOST_WRONG * stand.landmarks), _landmarks(stand))
+    steps = result.steps
+    used = 1.0 - float((steps.ignored + steps.new_landmarks).sum()) / max(int(steps.sightings.sum()), 1)
+    lacking = used - float(laid.explained.mean())
+    sentence = (
+        f"{lacking:.0%} of the sightings were taken for landmarks of the map and, along the path that came "
+        "out, are far from all of them"
+    )
+    yield Doubt("unexplained", lacking / MOST_UNEXPLAINED, sentence)
+
+
+def _landmarks(stand: Standing) -> str:
+    parts = {
+        "were in view and not sighted before some time, or from then on": stand.gone,
+        "are elsewhere by their later sightings than by the earlier ones": stand.moved,
+        "stand beside another and are never sighted together with it": stand.twins,
+    }
+    said = ", ".join(f"{number:,} {what}" for what, number in parts.items() if number)
+    return (
+        f"{stand.odd:,} of {stand.landmarks:,} landmarks do not stand as in a right map ({said}): part of it "
+        "is there twice, the path is bent, or the world has changed"
+    )

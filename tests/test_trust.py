@@ -1,0 +1,134 @@
+"""What speaks against a map: landmarks that are gone, moved or there twice, and nothing of a sound one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import fastslam
+import numpy as np
+import pytest
+from fastslam.detection import with_sightings
+from fastslam.laid import Laid, laid_on_map
+from fastslam.log import Floats, Log
+from fastslam.result import RunResult
+from fastslam.simulation import resolve_simulation, simulate
+from fastslam.standing import Looks, standing, surplus
+from fastslam.trust import against, doubts
+
+SETTINGS = {"filter": {"particles": 15}, "association": {"mode": "unknown"}}
+RNG = np.random.default_rng(3)
+
+
+def drive(seed: int = 5, preset: str = "demo", **settings: object) -> Log:
+    return with_sightings(simulate(resolve_simulation({"seed": seed, **settings}, preset=preset)))
+
+
+def ratios(result: RunResult, log: Log) -> dict[str, float]:
+    return {doubt.rule: doubt.ratio for doubt in doubts(result, log)}
+
+
+@pytest.mark.parametrize("preset", ["demo", "orchard", "rover"])
+def test_nothing_speaks_against_a_sound_run(preset: str) -> None:
+    log = drive(preset=preset)
+    result = fastslam.run(log, SETTINGS)
+    found = ratios(result, log)
+    assert {"landmarks", "innovations", "unexplained", "lost"} <= set(found)
+    assert max(found.values()) < 1.0, found
+    assert against(doubts(result, log)) == ()
+
+
+@pytest.mark.parametrize("mode", ["known", "unknown"])
+def test_a_world_that_changed_half_way_is_told(mode: str) -> None:
+    log = drive(trajectory={"laps": 6})
+    seen = log.sightings
+    late = seen.stamp_s > np.median(seen.stamp_s)
+    shifted = late & (seen.identity % 3 == 0) & (seen.range_m > 2.0)
+    range_m = seen.range_m - 1.5 * shifted
+    changed = replace(log, sightings=replace(seen, range_m=range_m))
+    result = fastslam.run(changed, {**SETTINGS, "association": {"mode": mode}})
+    found = ratios(result, changed)
+    assert max(found["landmarks"], found["not found again"]) > 1.0
+    assert any("the world has changed" in sentence for sentence in result.verdict)
+
+
+def test_sightings_that_the_map_does_not_explain_are_told() -> None:
+    log = drive()
+    result = fastslam.run(log, SETTINGS)
+    bent = result.smoothed.T_world_robot.copy()
+    half = len(bent) // 2
+    bent[half:, :2] += 3.0
+    wrong = replace(result, smoothed=replace(result.smoothed, T_world_robot=bent))
+    assert ratios(result, log)["unexplained"] < 0.5 < 1.0 < ratios(wrong, log)["unexplained"]
+
+
+def scene(shown: Floats, mean_m: Floats, *, together: bool = True) -> Laid:
+    """A sensor at rest, ten looks of ten frames a landmark and frame; `shown` (L, K) says what it sees."""
+    rows = [(look, k) for look, row in enumerate(shown) for k in np.flatnonzero(row)]
+    look, landmark = np.array(rows).T
+    # Alone each sighting is of its own frame.
+    stamp_s = look + (0.0 if together else 0.1) * landmark
+    apart = mean_m[landmark] + 0.01 * RNG.normal(size=(len(landmark), 2))
+    return Laid(
+        stamp_s=stamp_s,
+        squared=np.zeros(len(look)),
+        landmark=landmark,
+        frame=np.unique(stamp_s, return_inverse=True)[1],
+        mean_m=mean_m,
+        origin=np.zeros((len(look), 3)),
+        range_m=np.hypot(*apart.T),
+        bearing_rad=np.arctan2(apart[:, 1], apart[:, 0]),
+    )
+
+
+WALL = np.array([[5.0, -3.0], [2.0, 0.0], [2.0, 0.4], [5.0, 3.0], [6.0, 3.0]])
+"""The outer ones stand for the edge of the view, within which three quarters of the sightings lie."""
+
+
+def test_two_that_take_turns_are_twins_and_two_seen_together_are_not() -> None:
+    shown = np.ones((60, 5), dtype=bool)
+    assert Looks(scene(shown, WALL)).twins() == []
+    shown[::2, 1] = False
+    shown[1::2, 2] = False
+    assert Looks(scene(shown, WALL)).twins() == [(1, 2)]
+    assert standing(scene(shown, WALL), named=False).twins == 1
+    assert standing(scene(shown, WALL), named=True).twins == 0
+
+
+def test_two_closer_than_the_noise_are_told_by_frames_that_show_both() -> None:
+    close = WALL.copy()
+    close[2] = [2.0, 0.02]
+    shown = np.ones((60, 5), dtype=bool)
+    assert Looks(scene(shown, close)).twins() == []
+    assert Looks(scene(shown, close, together=False)).twins() == [(1, 2)]
+
+
+def test_one_that_is_not_sighted_any_more_is_gone_unless_it_was_rarely_sighted() -> None:
+    shown = np.ones((60, 5), dtype=bool)
+    shown[30:, 1] = False
+    assert list(Looks(scene(shown, WALL)).gone()) == [1]
+    rarely = np.ones((60, 5), dtype=bool)
+    rarely[:, 1] = np.arange(60) % 20 == 0
+    assert list(Looks(scene(rarely, WALL)).gone()) == []
+
+
+def test_one_that_moved_is_told_and_scatter_is_not() -> None:
+    laid = scene(np.ones((60, 5), dtype=bool), WALL)
+    assert list(Looks(laid).moved()) == []
+    late = (laid.landmark == 1) & (laid.stamp_s >= 30)
+    assert list(Looks(replace(laid, range_m=laid.range_m + 0.3 * late)).moved()) == [1]
+
+
+def test_of_groups_all_but_one_are_left_over() -> None:
+    assert surplus([(0, 1), (1, 2), (4, 5)], 6) == [1, 2, 5]
+    assert surplus([], 4) == []
+
+
+def test_sightings_lie_on_the_landmarks_that_they_name() -> None:
+    log = drive()
+    named = laid_on_map(fastslam.run(log, {"filter": {"particles": 15}}), log)
+    unnamed = laid_on_map(fastslam.run(log, SETTINGS), log)
+    assert named is not None and unnamed is not None
+    for laid in (named, unnamed):
+        assert len(laid.stamp_s) > 3000 and np.mean(laid.explained) > 0.99
+        # The squared distance of two numbers has mean 2.
+        assert 1.5 < float(np.mean(laid.squared[laid.explained])) < 2.5
