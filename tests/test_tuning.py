@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_runner import fastslam
-from fastslam.cli.tune import show_tuning
+from fastslam.cli.tune import sentences_of, show_tuning
 from fastslam.config import Config, load_config, merge
 from fastslam.datasets import write_native
 from fastslam.errors import DataError
@@ -19,7 +19,9 @@ from fastslam.runner import configure, run
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.tuning import Tuning, tune
 from fastslam.tuning.judge import evidence, fault_of, log_new_density
-from fastslam.tuning.learn import wide_noise
+from fastslam.tuning.learn import SCALE, SENSOR_KNOWN, Value, blamed, wide_noise
+from fastslam.tuning.motion import DISTANCE as DISTANCE_GAIN
+from fastslam.tuning.motion import motion_parameters
 from fastslam.tuning.noise import _log_likelihood
 from fastslam.tuning.problem import DRAWS, linearised
 from fastslam.tuning.session import _Session
@@ -78,6 +80,43 @@ def test_a_sound_log_with_its_noise_told_is_left_alone_or_gains(sound: Log) -> N
     assert all(found.best.evidence >= attempt.evidence - 10.0 for attempt in found.attempts)
     gains = [one for one in found.values if one.key.startswith("motion.correction.")]
     assert not any(one.significant for one in gains)
+
+
+def gain_of(value: float, error: float = 0.003) -> tuple[Value, ...]:
+    return (Value(DISTANCE_GAIN, "", 1.0, value, error), Value("sensor.delay_s", "s", 0.0, 0.1, 0.01))
+
+
+@pytest.mark.parametrize("gain", [1.02, 0.98])
+def test_a_scale_near_one_is_taken_for_the_ranges(gain: float) -> None:
+    known = (*motion_parameters({"model": "velocity"}), *SENSOR_KNOWN)
+    stated = np.array([1.006 if one.key == SCALE else 1.0 for one in known])
+    before = gain_of(gain)
+    distance, delay, scale = blamed(before, known, stated)
+    assert (distance.value, distance.significant, delay) == (1.0, False, before[1])
+    # Ranges that are longer by a factor look like a way that is.
+    assert scale.key == SCALE and scale.value == pytest.approx(1.006 * gain) and scale.significant
+
+
+@pytest.mark.parametrize(("gain", "error"), [(1.06, 0.003), (0.94, 0.003), (1.02, 0.01)])
+def test_one_further_away_is_the_odometrys_and_one_that_is_not_sure_nobodys(
+    gain: float, error: float
+) -> None:
+    known = (*motion_parameters({"model": "velocity"}), *SENSOR_KNOWN)
+    values = gain_of(gain, error)
+    assert blamed(values, known, np.ones(len(known))) == values
+
+
+def test_ranges_that_are_long_are_put_right() -> None:
+    log = drive(seconds=50.0)
+    found = tune(
+        replace(log, sightings=replace(log.sightings, range_m=1.025 * log.sightings.range_m)), UNKNOWN
+    )
+    scale = next(value for value in found.values if value.key == SCALE)
+    # Four standard errors.
+    assert scale.value == pytest.approx(1.025, abs=4 * scale.standard_error) and scale.standard_error < 0.01
+    assert found.settings["sensor"]["range_scale"] == pytest.approx(scale.value, rel=1e-3)
+    assert "distance_gain" not in found.settings["motion"].get("correction", {})
+    assert any("does not tell which of the two" in sentence for sentence in sentences_of(found))
 
 
 def test_evidence_does_not_pay_for_new_landmarks(sound: Log) -> None:

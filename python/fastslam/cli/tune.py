@@ -98,6 +98,16 @@ def sentences_of(found: Tuning) -> list[str]:
         sentences.append(
             f"this log does not tell {', '.join(hidden)}: drive curves, see landmarks from all sides"
         )
+    from ..tuning.learn import SCALE
+
+    scale = next((value for value in found.values if value.key == SCALE and value.significant), None)
+    if scale is not None:
+        ratio = scale.value / scale.stated
+        sentences.append(
+            f"ranges are {ratio:.3f} times as long as the odometry says. The log does not tell which of the "
+            "two is off; so near to 1 it is taken for the ranges. If these are right, leave "
+            f"sensor.range_scale and make motion.correction.distance_gain {ratio:.4g} times as large"
+        )
     if not found.settings:
         sentences.append("the settings stated explain the log best: nothing is changed")
     return sentences

@@ -14,18 +14,32 @@ from ..datasets.clean import select_sightings
 from ..dead_reckoning import DeadReckoning
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings
-from .motion import DELAY, Known, Links, Part, links, motion_parameters, nested, noise_parts, value_of
+from .motion import (
+    DELAY,
+    DISTANCE,
+    Known,
+    Links,
+    Part,
+    links,
+    motion_parameters,
+    nested,
+    noise_parts,
+    value_of,
+)
 from .noise import correlation_of, fitted_tail, learned_noise
 from .problem import Noise, Problem, Rows, linearised, moved_by
 
+SCALE = "sensor.range_scale"
 SENSOR_KNOWN = (
-    Known("sensor.range_scale", "m/m", 0.0, 0.0),
+    Known(SCALE, "m/m", 0.0, 0.0),
     Known("sensor.range_bias_m", "m", 0.2, 0.0),
     Known("sensor.mounting.x_m", "m", 0.3, 0.0),
     Known("sensor.mounting.y_m", "m", 0.3, 0.0),
     Known("sensor.mounting.yaw_rad", "rad", 0.2, 0.0),
 )
-"""In the order of the batch. Ranges are trusted: their scale and the gain of the distance are one thing."""
+"""In the order of the batch. The scale of ranges and the gain of the distance are one thing: see `blamed`."""
+SCALE_STD = 0.02
+"""How far ranges are off in proportion, where they are: a tape, a laser or a marker's size, not a wheel."""
 MOST_SIGHTINGS = 12_000
 WINDOWS = 6
 LEAST_SIGHTINGS = 200
@@ -171,8 +185,31 @@ def learn(
     problem = _holding(problem, np.isin([one.key for one in known], held))
     _, problem, noise = _settled(log, now, stretch, problem, noise)
     again = {value.key: value for value in _judged(log, known, before, (problem, noise))}
-    values = tuple(value if value.key in held else again[value.key] for value in values)
+    values = blamed(
+        tuple(value if value.key in held else again[value.key] for value in values), known, before
+    )
     return _learned(stated, parts, noise, values, (stretch, linearised(problem, noise)))
+
+
+def blamed(values: tuple[Value, ...], known: tuple[Known, ...], before: Floats) -> tuple[Value, ...]:
+    """The values with the scale of the ranges in place of the gain of the distance where that is likelier.
+
+    A log tells only the ratio of the two. Either is right and the other off, by SCALE_STD for the ranges and
+    by its prior for the distance: a ratio near 1 is the ranges', one further away the odometry's.
+    """
+    keys = [one.key for one in known]
+    gain = next((value for value in values if value.key == DISTANCE), None)
+    if gain is None or not gain.significant:
+        return values
+    ratio, prior_std = gain.value / gain.stated, known[keys.index(DISTANCE)].prior_std
+    nats = [-0.5 * ((ratio - 1) / std) ** 2 - np.log(std) for std in (SCALE_STD, prior_std)]
+    if nats[0] < nats[1]:
+        return values
+    scale = float(before[keys.index(SCALE)])
+    error = gain.standard_error / gain.stated * scale
+    kept = replace(gain, value=gain.stated)
+    others = tuple(kept if value is gain else value for value in values)
+    return (*others, Value(SCALE, "", scale, scale * ratio, error))
 
 
 def _judged(

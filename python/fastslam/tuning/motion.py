@@ -14,6 +14,7 @@ from ..dead_reckoning import arc_twists
 from ..log import Controls, Floats
 
 DELAY = "sensor.delay_s"
+DISTANCE = "motion.correction.distance_gain"
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Known:
 def motion_parameters(motion: Mapping[str, Any]) -> tuple[Known, ...]:
     """What a motion model may err in systematically, the delay of the sensor against it last."""
     delay = Known(DELAY, "s", 0.3, 0.01)
-    distance = Known("motion.correction.distance_gain", "", 0.1, 1e-4)
+    distance = Known(DISTANCE, "", 0.1, 1e-4)
     if motion["model"] == "ackermann":
         gain = Known("motion.steering_gain", "", 0.1, 1e-4)
         return distance, gain, Known("motion.steering_bias_rad", "rad", 0.05, 1e-5), delay
