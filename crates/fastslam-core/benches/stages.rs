@@ -11,7 +11,7 @@ use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::geometry::{Pose, Symmetric2};
 use fastslam_core::landmark::{correct, Gaussian, Measured, Tail};
 use fastslam_core::math;
-use fastslam_core::measurement::{MeasurementModel, RangeBearing};
+use fastslam_core::measurement::{Placing, RangeBearing};
 use fastslam_core::motion::{Motion, PoseColumns, Velocity};
 use fastslam_core::random::{Purpose, RandomSource};
 use fastslam_core::resampling::{resample, ResamplingScheme};

@@ -4,7 +4,7 @@ use crate::density::{fit_with_tail, Fit, Tail};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
 use crate::landmark::{innovation_covariance, Gaussian};
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::sighting::Measured;
 
 /// What a particle believes about the robot's pose while it looks at a scan.
@@ -47,13 +47,7 @@ pub(crate) fn by_robot_pose(by_sensor: [[f64; 3]; 2], T_world_robot: Pose, T_wor
 impl Belief {
     /// A landmark as this belief, which has the sensor there, sees it.
     #[inline(always)]
-    pub(crate) fn view<M: MeasurementModel>(
-        &self,
-        model: &M,
-        sensor: Pose,
-        landmark: &Gaussian,
-        measured: &Measured,
-    ) -> View {
+    pub(crate) fn view<M: Placing>(&self, model: &M, sensor: Pose, landmark: &Gaussian, measured: &Measured) -> View {
         let linear = model.linearize(sensor, landmark.mean);
         View {
             innovation: model.innovation(measured.value, linear.expected),
@@ -90,13 +84,7 @@ impl Belief {
 
     /// How well a sighting of a landmark fits.
     #[inline(always)]
-    pub fn fit<M: MeasurementModel>(
-        &self,
-        model: &M,
-        T_robot_sensor: Pose,
-        landmark: &Gaussian,
-        measured: &Measured,
-    ) -> Fit {
+    pub fn fit<M: Placing>(&self, model: &M, T_robot_sensor: Pose, landmark: &Gaussian, measured: &Measured) -> Fit {
         self.judge(&self.view(model, self.mean.compose(T_robot_sensor), landmark, measured))
     }
 
@@ -131,7 +119,7 @@ impl Belief {
 
     /// Refines by a sighting of a known landmark and gives the log-likelihood of the sighting.
     #[inline(always)]
-    pub fn refine<M: MeasurementModel>(
+    pub fn refine<M: Placing>(
         &mut self,
         model: &M,
         T_robot_sensor: Pose,

@@ -6,7 +6,7 @@
 pub use crate::density::{fit, fit_with_tail, Fit, Tail};
 pub use crate::gaussian::Gaussian;
 use crate::geometry::{Pose, Symmetric2};
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 pub use crate::sighting::Measured;
 use crate::store::{Rows, RowsMut};
 use crate::vector::vectorized;
@@ -82,12 +82,7 @@ pub fn innovation_covariance(by_landmark: [[f64; 2]; 2], covariance: Symmetric2,
 /// **Source:** `montemerlo2002fastslam`, section 3.2: ν = z − g(μ, s), Q = GΣGᵀ + R, K = ΣGᵀQ⁻¹; the covariance in
 /// Joseph's form. **Why:** Joseph's form keeps Σ positive definite whatever the rounding.
 #[inline(always)]
-pub fn correct<M: MeasurementModel>(
-    model: &M,
-    T_world_sensor: Pose,
-    measured: Measured,
-    landmark: Gaussian,
-) -> (Gaussian, Fit) {
+pub fn correct<M: Placing>(model: &M, T_world_sensor: Pose, measured: Measured, landmark: Gaussian) -> (Gaussian, Fit) {
     let linear = model.linearize(T_world_sensor, landmark.mean);
     let innovation = model.innovation(measured.value, linear.expected);
     let [[g00, g01], [g10, g11]] = linear.by_landmark;
@@ -121,12 +116,7 @@ pub fn correct<M: MeasurementModel>(
 ///
 /// **Why:** within a particle the pose is known, so no uncertainty of the pose enters.
 #[inline(always)]
-pub fn first_sighting<M: MeasurementModel>(
-    model: &M,
-    T_world_sensor: Pose,
-    measured: [f64; 2],
-    noise: Symmetric2,
-) -> Gaussian {
+pub fn first_sighting<M: Placing>(model: &M, T_world_sensor: Pose, measured: [f64; 2], noise: Symmetric2) -> Gaussian {
     let mean = model.inverse(T_world_sensor, measured);
     let [[a, b], [c, d]] = model.linearize(T_world_sensor, mean).by_landmark;
     let inverse = 1.0 / (a * d - b * c);
@@ -137,7 +127,7 @@ pub fn first_sighting<M: MeasurementModel>(
 /// Corrects a landmark in all maps (those in `mask`), adding one to its sightings, and adds the log-likelihood of the
 /// sighting before the correction to `log_likelihood`. Returns how many landmarks were repaired: where rounding has made
 /// the covariance indefinite, the landmark is as it was before the sighting.
-pub fn correct_rows<M: MeasurementModel>(
+pub fn correct_rows<M: Placing>(
     model: &M,
     poses: &SensorPoses,
     measured: Measured,
@@ -161,7 +151,7 @@ pub struct Correction<'a, M> {
     pub mask: Option<&'a [bool]>,
 }
 
-impl<M: MeasurementModel> Correction<'_, M> {
+impl<M: Placing> Correction<'_, M> {
     /// [`correct_rows`] for the particles from number `first` on, whose columns these are.
     pub fn apply(&self, first: usize, rows: [&mut [f64]; column::COUNT], log_likelihood: &mut [f64]) -> u32 {
         let n = log_likelihood.len();
@@ -217,7 +207,7 @@ impl<M: MeasurementModel> Correction<'_, M> {
 }
 
 /// The rows of a new landmark in all maps (those in `mask`; absent in the others), columns one after the other.
-pub fn first_rows<M: MeasurementModel>(
+pub fn first_rows<M: Placing>(
     model: &M,
     poses: &SensorPoses,
     measured: Measured,
@@ -254,7 +244,7 @@ pub fn first_rows<M: MeasurementModel>(
 }
 
 #[inline(always)]
-fn first_where<M: MeasurementModel>(
+fn first_where<M: Placing>(
     model: &M,
     poses: &SensorPoses,
     measured: Measured,
@@ -292,7 +282,7 @@ pub fn gaussian_in(rows: &Rows<'_>, i: usize) -> Option<Gaussian> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measurement::RangeBearing;
+    use crate::measurement::{MeasurementModel, RangeBearing};
 
     const MODEL: RangeBearing = RangeBearing { range_std_m: 0.2, bearing_std_rad: 0.05 };
 

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Seen, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
-use crate::measurement::{MeasurementModel, SensorModel, EXPECTED_OF_OWN};
+use crate::measurement::{Placing, SensorModel, EXPECTED_OF_OWN};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::partial::PartialSlam;
 use crate::snapshot::{self, Holds};
@@ -101,7 +101,7 @@ pub fn check_names(model: &str, identities: Identities) -> Result<()> {
     Err(Error::parameter("sensor.model", model, expected))
 }
 
-impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
+impl<M: Placing> Slam for FastSlam<M> {
     fn begin(&mut self, beginning: &Beginning) -> Result<()> {
         FastSlam::begin(self, beginning)
     }
@@ -160,7 +160,7 @@ impl<M: MeasurementModel + Send + Sync> Slam for FastSlam<M> {
     }
 }
 
-impl<M: MeasurementModel + Send + Sync> Slam for EkfSlam<M> {
+impl<M: Placing> Slam for EkfSlam<M> {
     fn begin(&mut self, beginning: &Beginning) -> Result<()> {
         if beginning.is_empty() {
             return Ok(());

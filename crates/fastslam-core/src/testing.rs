@@ -4,7 +4,7 @@
 
 use crate::density::Tail;
 use crate::geometry::{is_covariance3, Pose};
-use crate::measurement::{MeasurementModel, Observation};
+use crate::measurement::{Births, MeasurementModel, Placing};
 use crate::motion::{ControlTiming, MotionGaussian, MotionModel, RowMotion};
 use crate::normal::{self, Cholesky};
 use crate::random::{Purpose, RandomSource};
@@ -27,13 +27,13 @@ fn draw(case: u32, number: u32, low: f64, high: f64) -> f64 {
     low + (high - low) * RandomSource::new(20).stream(Purpose::Simulation, 0).uniform(case, number)
 }
 
-/// Checks a measurement model on generic geometries and on headings near ±π.
+/// Checks a model that places landmarks on generic geometries and on headings near ±π.
 ///
 /// - both Jacobians against differences taken through the innovation;
 /// - the inverse, then the expected measurement, gives the measurement back;
 /// - the innovation of a measurement with itself is zero;
 /// - the noise covariance is positive definite; everything is finite.
-pub fn check_measurement_model<M: MeasurementModel>(model: &M) -> Result<usize, Nonconformance> {
+pub fn check_placing_model<M: Placing>(model: &M) -> Result<usize, Nonconformance> {
     let cases = 500;
     expect(model.noise_covariance().is_positive_definite(), || "noise covariance is not positive definite".into())?;
     for case in 0..cases {
@@ -43,7 +43,7 @@ pub fn check_measurement_model<M: MeasurementModel>(model: &M) -> Result<usize, 
         let pose = Pose::new(draw(case, 1, -30.0, 30.0), draw(case, 2, -30.0, 30.0), heading);
         let (distance, direction) = (draw(case, 4, 0.5, 60.0), draw(case, 5, -3.1, 3.1));
         let landmark = [pose.x + distance * direction.cos(), pose.y + distance * direction.sin()];
-        check_linearization(model, pose, landmark)?;
+        check_derivatives(model, pose, landmark)?;
         let z = model.expected(pose, landmark);
         let back = model.inverse(pose, z);
         expect((back[0] - landmark[0]).hypot(back[1] - landmark[1]) < 1e-9 * distance.max(1.0), || {
@@ -55,28 +55,6 @@ pub fn check_measurement_model<M: MeasurementModel>(model: &M) -> Result<usize, 
     Ok(cases as usize)
 }
 
-fn check_linearization<M: MeasurementModel>(model: &M, pose: Pose, landmark: [f64; 2]) -> Result<(), Nonconformance> {
-    let linear = model.linearize(pose, landmark);
-    let h = 1e-6;
-    let variables = [pose.x, pose.y, pose.heading, landmark[0], landmark[1]];
-    for (index, _) in variables.iter().enumerate() {
-        let moved = |by: f64| {
-            let mut v = variables;
-            v[index] += by;
-            model.expected(Pose::new(v[0], v[1], v[2]), [v[3], v[4]])
-        };
-        let difference = model.innovation(moved(h), moved(-h)).map(|d| d / (2.0 * h));
-        for row in 0..2 {
-            let derivative = if index < 3 { linear.by_pose[row][index] } else { linear.by_landmark[row][index - 3] };
-            expect((derivative - difference[row]).abs() < 1e-6 * (1.0 + difference[row].abs()), || {
-                format!("derivative of component {row} by variable {index} at {pose:?}, {landmark:?}: {derivative} against {}", difference[row])
-            })?;
-        }
-    }
-    let agreement = model.innovation(linear.expected, model.expected(pose, landmark));
-    expect(agreement.iter().all(|v| v.abs() < 1e-12), || format!("linearize and expected differ by {agreement:?}"))
-}
-
 /// Checks a measurement model of any size on generic geometries and on headings near ±π.
 ///
 /// - both Jacobians against differences taken through the innovation;
@@ -84,9 +62,9 @@ fn check_linearization<M: MeasurementModel>(model: &M, pose: Pose, landmark: [f6
 /// - the noise is symmetric and positive definite, and the components have names;
 /// - the births are covariances whose shares sum to 1, and are consistent: the landmark is near one of them, and each
 ///   explains the sighting to within what its width and curvature allow.
-pub fn check_observation<M, const Z: usize, const D: usize>(model: &M) -> Result<usize, Nonconformance>
+pub fn check_measurement_model<M, const Z: usize, const D: usize>(model: &M) -> Result<usize, Nonconformance>
 where
-    M: Observation<Z, D>,
+    M: Births<Z, D>,
 {
     let (cases, noise) = (300, model.noise());
     let symmetric = (0..Z).all(|a| (0..Z).all(|b| noise[a][b] == noise[b][a]));
@@ -116,9 +94,9 @@ fn check_derivatives<M, const Z: usize, const D: usize>(
     landmark: [f64; D],
 ) -> Result<(), Nonconformance>
 where
-    M: Observation<Z, D>,
+    M: MeasurementModel<Z, D>,
 {
-    let (linear, h) = (model.differentiate(pose, landmark), 1e-6);
+    let (linear, h) = (model.linearize(pose, landmark), 1e-6);
     for index in 0..3 + D {
         let moved = |by: f64| {
             let (mut robot, mut place) = (pose.to_array(), landmark);
@@ -140,7 +118,7 @@ where
         }
     }
     let agreement = model.innovation(linear.expected, model.expected(pose, landmark));
-    expect(agreement.iter().all(|v| v.abs() < 1e-12), || format!("differentiate and expected differ by {agreement:?}"))
+    expect(agreement.iter().all(|v| v.abs() < 1e-12), || format!("linearize and expected differ by {agreement:?}"))
 }
 
 fn check_births<M, const Z: usize, const D: usize>(
@@ -149,7 +127,7 @@ fn check_births<M, const Z: usize, const D: usize>(
     landmark: [f64; D],
 ) -> Result<(), Nonconformance>
 where
-    M: Observation<Z, D>,
+    M: Births<Z, D>,
 {
     let (z, noise) = (model.expected(pose, landmark), model.noise());
     let births = model.births(pose, z, &noise);
@@ -165,7 +143,7 @@ where
             return Err(Nonconformance(format!("a birth of covariance {:?}", birth.covariance)));
         };
         nearest = nearest.min(fitted.mahalanobis_squared);
-        let seen = model.differentiate(pose, birth.mean);
+        let seen = model.linearize(pose, birth.mean);
         let innovation = model.innovation(z, seen.expected);
         let spread = normal::sum(&normal::congruence(&seen.by_landmark, &birth.covariance), &noise);
         let explained =
@@ -234,13 +212,13 @@ mod tests {
 
     #[test]
     fn every_measurement_model_conforms() {
-        assert_eq!(check_measurement_model(&RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 }), Ok(500));
-        assert_eq!(check_measurement_model(&Cartesian { position_std_m: 0.1 }), Ok(500));
+        assert_eq!(check_placing_model(&RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 }), Ok(500));
+        assert_eq!(check_placing_model(&Cartesian { position_std_m: 0.1 }), Ok(500));
     }
 
     /// A point in space as a sensor with a heading sees it.
     struct Point;
-    impl Observation<3, 3> for Point {
+    impl MeasurementModel<3, 3> for Point {
         fn expected<R: Real>(&self, sensor: Pose<R>, landmark: [R; 3]) -> [R; 3] {
             let [x, y] = sensor.inverse().transform([landmark[0], landmark[1]]);
             [x, y, landmark[2]]
@@ -254,26 +232,31 @@ mod tests {
         fn components(&self) -> [Component; 3] {
             ["x", "y", "z"].map(|name| Component { name, unit: "m", noise_key: "position_std_m" })
         }
+    }
+    impl Births<3, 3> for Point {
         fn births(&self, sensor: Pose, z: [f64; 3], noise: &[[f64; 3]; 3]) -> Vec<(f64, Normal<3>)> {
             let [x, y] = sensor.transform([z[0], z[1]]);
             let mean = [x, y, z[2]];
-            birth_at(mean, &self.differentiate(sensor, mean).by_landmark, noise)
+            birth_at(mean, &self.linearize(sensor, mean).by_landmark, noise)
         }
     }
 
     #[test]
     fn models_of_every_size_conform() {
-        assert_eq!(check_observation::<_, 1, 2>(&RangeOnly { range_std_m: 0.3 }), Ok(300));
+        assert_eq!(check_measurement_model::<_, 1, 2>(&RangeOnly { range_std_m: 0.3 }), Ok(300));
         let bearing = BearingOnly { bearing_std_rad: 0.02, nearest_m: 0.4, farthest_m: 80.0 };
-        assert_eq!(check_observation::<_, 1, 2>(&bearing), Ok(300));
-        assert_eq!(check_observation::<_, 2, 2>(&RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 }), Ok(300));
-        assert_eq!(check_observation::<_, 2, 2>(&Cartesian { position_std_m: 0.1 }), Ok(300));
-        assert_eq!(check_observation::<_, 3, 3>(&Point), Ok(300));
+        assert_eq!(check_measurement_model::<_, 1, 2>(&bearing), Ok(300));
+        assert_eq!(
+            check_measurement_model::<_, 2, 2>(&RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 }),
+            Ok(300)
+        );
+        assert_eq!(check_measurement_model::<_, 2, 2>(&Cartesian { position_std_m: 0.1 }), Ok(300));
+        assert_eq!(check_measurement_model::<_, 3, 3>(&Point), Ok(300));
     }
 
     /// Half a ring: the landmark behind the sensor is in no birth.
     struct HalfRing(RangeOnly);
-    impl Observation<1, 2> for HalfRing {
+    impl MeasurementModel<1, 2> for HalfRing {
         fn expected<R: Real>(&self, sensor: Pose<R>, landmark: [R; 2]) -> [R; 1] {
             self.0.expected(sensor, landmark)
         }
@@ -286,6 +269,8 @@ mod tests {
         fn components(&self) -> [Component; 1] {
             self.0.components()
         }
+    }
+    impl Births<1, 2> for HalfRing {
         fn births(&self, sensor: Pose, z: [f64; 1], noise: &[[f64; 1]; 1]) -> Vec<(f64, Normal<2>)> {
             let mut births = self.0.births(sensor, z, noise);
             births.truncate(births.len() / 2);
@@ -296,7 +281,7 @@ mod tests {
 
     #[test]
     fn the_suite_rejects_births_that_miss_the_landmark() {
-        assert!(check_observation::<_, 1, 2>(&HalfRing(RangeOnly { range_std_m: 0.3 })).is_err());
+        assert!(check_measurement_model::<_, 1, 2>(&HalfRing(RangeOnly { range_std_m: 0.3 })).is_err());
     }
 
     #[test]
@@ -308,21 +293,25 @@ mod tests {
     }
 
     struct WrongSign;
-    impl MeasurementModel for WrongSign {
+    impl MeasurementModel<2, 2> for WrongSign {
         fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2] {
-            let model = RangeBearing { range_std_m: 1.0, bearing_std_rad: 1.0 };
-            MeasurementModel::expected(&model, T_world_sensor, landmark_in_world)
+            RangeBearing { range_std_m: 1.0, bearing_std_rad: 1.0 }.expected(T_world_sensor, landmark_in_world)
         }
         fn innovation<R: Real>(&self, measured: [R; 2], expected: [R; 2]) -> [R; 2] {
             // The classic slip: the bearing is not wrapped.
             [measured[0] - expected[0], measured[1] - expected[1]]
         }
+        fn noise(&self) -> [[f64; 2]; 2] {
+            [[1.0, 0.0], [0.0, 1.0]]
+        }
+        fn components(&self) -> [Component; 2] {
+            RangeBearing { range_std_m: 1.0, bearing_std_rad: 1.0 }.components()
+        }
+    }
+    impl Placing for WrongSign {
         fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2] {
             let (s, c) = (T_world_sensor.heading - measured[1]).sin_cos();
             [T_world_sensor.x + measured[0] * c, T_world_sensor.y + measured[0] * s]
-        }
-        fn noise_covariance(&self) -> crate::geometry::Symmetric2 {
-            crate::geometry::Symmetric2::new(1.0, 0.0, 1.0)
         }
         fn range(&self, measured: [f64; 2]) -> f64 {
             measured[0]
@@ -334,6 +323,6 @@ mod tests {
 
     #[test]
     fn the_suite_rejects_a_wrong_model() {
-        assert!(check_measurement_model(&WrongSign).is_err());
+        assert!(check_placing_model(&WrongSign).is_err());
     }
 }

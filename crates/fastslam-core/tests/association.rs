@@ -6,7 +6,7 @@ use fastslam_core::config::{Algorithm, AssociationOrder, Config, Exclusion, Remo
 use fastslam_core::filter::{FastSlam, Identities, MapLandmark, Sighting};
 use fastslam_core::geometry::Symmetric2;
 use fastslam_core::landmark::{Fit, Gaussian, Measured, Tail};
-use fastslam_core::measurement::MeasurementModel;
+use fastslam_core::measurement::Placing;
 use fastslam_core::motion::{Increments, Motion};
 use fastslam_core::random::{Purpose, RandomSource};
 use std::f64::consts::PI;

@@ -7,7 +7,7 @@ use fastslam_core::association::{
 use fastslam_core::config::{Config, Method};
 use fastslam_core::geometry::{Pose, Symmetric2};
 use fastslam_core::landmark::{Fit, Measured, Tail};
-use fastslam_core::measurement::{Cartesian, MeasurementModel};
+use fastslam_core::measurement::{Cartesian, Placing};
 use fastslam_core::random::{Purpose, RandomSource};
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;

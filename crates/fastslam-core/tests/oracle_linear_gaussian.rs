@@ -9,7 +9,7 @@ use fastslam_core::config::Algorithm;
 use fastslam_core::filter::{FastSlam, Identities};
 use fastslam_core::geometry::{Pose, Symmetric2};
 use fastslam_core::landmark::{correct, first_sighting, Gaussian, Measured, Tail};
-use fastslam_core::measurement::MeasurementModel;
+use fastslam_core::measurement::Placing;
 use fastslam_core::random::{Purpose, RandomSource};
 use fastslam_core::resampling::{resample, ResamplingScheme};
 use fastslam_core::weights::Weights;

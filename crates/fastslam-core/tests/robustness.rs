@@ -9,7 +9,7 @@ use fastslam_core::error::Error;
 use fastslam_core::filter::{FastSlam, Identities, Sighting, Skipped};
 use fastslam_core::geometry::{Pose, Symmetric2};
 use fastslam_core::math::wrap_angle;
-use fastslam_core::measurement::{MeasurementModel, RangeBearing};
+use fastslam_core::measurement::{Component, MeasurementModel, Placing, RangeBearing};
 use fastslam_core::motion::{Increments, Motion, Velocity};
 use fastslam_core::real::Real;
 use fastslam_core::slam;
@@ -31,7 +31,7 @@ fn labelled(range_m: f64, bearing_rad: f64, identity: u32) -> Sighting {
 }
 
 /// Errors that name the first number of the filter's output that is not finite.
-fn check_finite<M: MeasurementModel>(filter: &mut FastSlam<M>) -> Result<(), String> {
+fn check_finite<M: Placing>(filter: &mut FastSlam<M>) -> Result<(), String> {
     let finite = |what: &str, values: &[f64]| match values.iter().all(|v| v.is_finite()) {
         true => Ok(()),
         false => Err(format!("{what}: {values:?}")),
@@ -189,7 +189,7 @@ struct Broken {
     error_m: f64,
 }
 
-impl MeasurementModel for Broken {
+impl MeasurementModel<2, 2> for Broken {
     fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2] {
         self.sound.expected(T_world_sensor, landmark_in_world)
     }
@@ -199,12 +199,18 @@ impl MeasurementModel for Broken {
         [if measured[0].value() > 50.0 { range * R::constant(self.error_m) } else { range }, bearing]
     }
 
-    fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2] {
-        self.sound.inverse(T_world_sensor, measured)
+    fn noise(&self) -> [[f64; 2]; 2] {
+        self.sound.noise()
     }
 
-    fn noise_covariance(&self) -> Symmetric2 {
-        self.sound.noise_covariance()
+    fn components(&self) -> [Component; 2] {
+        self.sound.components()
+    }
+}
+
+impl Placing for Broken {
+    fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2] {
+        self.sound.inverse(T_world_sensor, measured)
     }
 
     fn range(&self, measured: [f64; 2]) -> f64 {

@@ -5,7 +5,7 @@ use fastslam_core::config::Config;
 use fastslam_core::error::{Error, Result};
 use fastslam_core::filter::Identities;
 use fastslam_core::geometry::Pose;
-use fastslam_core::measurement::{Observation, RangeOnly};
+use fastslam_core::measurement::{self, RangeOnly};
 use fastslam_core::normal::{Matrix, Normal};
 use fastslam_core::partial::{Look, PartialSlam, Request, Sensing};
 use fastslam_core::slam::{self, Slam};
@@ -174,7 +174,9 @@ impl<const Z: usize> Sensing<Z> for Foreign<Z> {
         if self.births == Births::Ring {
             let model = RangeOnly { range_std_m: self.noise[0][0].sqrt() };
             let across = [[noise[0][0]]];
-            let ring = |(pose, measured): &(Pose, [f64; Z])| Observation::births(&model, *pose, [measured[0]], &across);
+            let ring = |(pose, measured): &(Pose, [f64; Z])| {
+                measurement::Births::births(&model, *pose, [measured[0]], &across)
+            };
             return Ok(sightings.iter().map(ring).collect());
         }
         self.sensor.ask(|object| {

@@ -11,7 +11,7 @@ use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::geometry::Symmetric2;
 use fastslam_core::landmark::{column, correct_rows, Measured, SensorPoses, Tail};
-use fastslam_core::measurement::{MeasurementModel, RangeBearing};
+use fastslam_core::measurement::{Placing, RangeBearing};
 use fastslam_core::motion::{Motion, Velocity};
 use fastslam_core::store::RowsMut;
 use fastslam_core::vector::Level;

@@ -1,7 +1,7 @@
 //! What a simulated log promises, checked against its own truth.
 use fastslam_core::error::Error;
 use fastslam_core::geometry::Pose;
-use fastslam_core::measurement::{MeasurementModel, Mounting, Sensor};
+use fastslam_core::measurement::{MeasurementModel, Mounting, Placing, Sensor};
 use fastslam_core::motion::{
     Ackermann, ControlTiming, Correction, Increments, Motion, Odometry, Proportional, Velocity,
 };

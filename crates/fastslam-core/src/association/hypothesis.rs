@@ -4,7 +4,7 @@ use super::table::{CandidateTable, FitTable};
 use crate::belief::Belief;
 use crate::density::Fit;
 use crate::geometry::Pose;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::sighting::{Measured, ScanSighting};
 
 /// One map with a belief about the pose, as the rules of association see it.
@@ -45,7 +45,7 @@ impl<M> Clone for ParticleHypothesis<'_, M> {
     }
 }
 
-impl<M: MeasurementModel> Hypothesis for ParticleHypothesis<'_, M> {
+impl<M: Placing> Hypothesis for ParticleHypothesis<'_, M> {
     fn pose_is_certain(&self) -> bool {
         self.belief.covariance == [[0.0; 3]; 3]
     }

@@ -4,7 +4,7 @@ use super::settings::{AssociationOrder, Exclusion, Method};
 use crate::config::Config;
 use crate::density::{chi_squared_2, Tail, LN_TAU};
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// Scans with more ambiguous sightings than this are decided one by one.
 pub const MOST_JOINT: usize = 15;
@@ -65,7 +65,7 @@ pub struct Rules {
 
 impl Rules {
     /// The configured rules for a sensor.
-    pub fn new<M: MeasurementModel>(config: &Config, model: &M) -> Self {
+    pub fn new<M: Placing>(config: &Config, model: &M) -> Self {
         let association = &config.association;
         let twice = model.noise_covariance().scaled(2.0);
         let log_new_density = association.new_landmark_density.map_or_else(
@@ -98,7 +98,7 @@ impl Rules {
 
     /// How many standard deviations a landmark can lie off and still be likelier than a new one: its likelihood is at
     /// most that with the sensor's noise alone.
-    pub fn gate_radius<M: MeasurementModel>(&self, model: &M, tail: Tail) -> f64 {
+    pub fn gate_radius<M: Placing>(&self, model: &M, tail: Tail) -> f64 {
         let peak = -0.5 * math::ln(model.noise_covariance().determinant()) - LN_TAU;
         tail.reach(peak + self.log_most_evidence - self.log_new_density)
     }

@@ -5,7 +5,7 @@ use crate::association::{decide, Decision, Hypothesis, ScanSighting, Scratch};
 use crate::error::Result;
 use crate::filter::StepInfo;
 use crate::landmark::{fit_with_tail, Fit, Measured};
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// The one hypothesis of EKF-SLAM, whose state is refined sighting by sighting.
 struct JointHypothesis<'a, M> {
@@ -13,7 +13,7 @@ struct JointHypothesis<'a, M> {
     failure: Result<()>,
 }
 
-impl<M: MeasurementModel> Hypothesis for JointHypothesis<'_, M> {
+impl<M: Placing> Hypothesis for JointHypothesis<'_, M> {
     fn pose_is_certain(&self) -> bool {
         false
     }
@@ -34,7 +34,7 @@ impl<M: MeasurementModel> Hypothesis for JointHypothesis<'_, M> {
     }
 }
 
-impl<M: MeasurementModel> EkfSlam<M> {
+impl<M: Placing> EkfSlam<M> {
     /// Associates a scan, corrects the landmarks that it shows, and returns the sightings of new ones.
     pub(super) fn correct_associated<'a>(
         &mut self,

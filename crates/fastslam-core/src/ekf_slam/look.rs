@@ -4,12 +4,12 @@ use super::EkfSlam;
 use crate::diagnosis::looks::{InView, MapInView};
 use crate::diagnosis::Returns;
 use crate::filter::Identities;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// A landmark seen less often than this may be clutter, of which nobody expects to see it again.
 const SIGHTINGS_TO_COUNT: u32 = 3;
 
-impl<M: MeasurementModel> EkfSlam<M> {
+impl<M: Placing> EkfSlam<M> {
     /// Counts the landmarks that the scan should have shown, and those that it did; `None` where it says nothing new.
     pub(super) fn look_at_map(&mut self) -> Option<MapInView> {
         if self.identities == Identities::All || !self.state.watch.examines() {

@@ -21,7 +21,7 @@ use crate::geometry::{moved_by, Pose, Symmetric2};
 use crate::landmark::{fit_with_tail, Fit, Measured};
 use crate::limits::LARGEST_STATE;
 use crate::math::wrap_angle;
-use crate::measurement::{MeasurementModel, RangeBearing};
+use crate::measurement::{Placing, RangeBearing};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::real::Dual;
 use crate::step_info::NoiseInWindow;
@@ -135,7 +135,7 @@ impl EkfSlam {
     }
 }
 
-impl<M: MeasurementModel> EkfSlam<M> {
+impl<M: Placing> EkfSlam<M> {
     /// A filter for any measurement model, which brings its own noise; of `Config::sensor` the limits, the tail and
     /// the mounting count.
     pub fn with_model(config: Config, identities: Identities, model: M) -> Result<Self> {

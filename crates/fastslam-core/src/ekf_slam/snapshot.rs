@@ -2,10 +2,10 @@
 
 use super::EkfSlam;
 use crate::error::Result;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::snapshot::{content, open, seal, Head, Holds};
 
-impl<M: MeasurementModel> EkfSlam<M> {
+impl<M: Placing> EkfSlam<M> {
     /// The state as bytes, from which [`EkfSlam::restore`] goes on to the same bits; `note` is kept in its head.
     pub fn save(&self, note: &str) -> Result<Vec<u8>> {
         seal(&Head::new(&self.config, self.identities, note)?, &self.state)

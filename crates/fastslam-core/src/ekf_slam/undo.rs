@@ -3,7 +3,7 @@
 use super::{EkfSlam, Landmark, FIRST_LANDMARK};
 use crate::diagnosis::names::Names;
 use crate::geometry::Pose;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::motion::MotionGaussian;
 use rustc_hash::FxHashMap;
 
@@ -18,7 +18,7 @@ pub(super) struct Before {
     names: Names,
 }
 
-impl<M: MeasurementModel> EkfSlam<M> {
+impl<M: Placing> EkfSlam<M> {
     /// Takes note of the state, which costs as much as a few rows of the covariance.
     pub(super) fn remember(&mut self) {
         let before = &mut self.before;

@@ -19,7 +19,7 @@ use crate::association::{
     decide, decide_assignment, decide_joint, decide_sampled, fast, CandidateTable, Decision, FitTable, Hypothesis,
     Identities, Method, Outcome, ParticleHypothesis, Rules, ScanSighting, Scratch,
 };
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::random::{Purpose, Stream};
 use crate::workers::{Shares, PART};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -29,7 +29,7 @@ use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 ///
 /// **Source:** `montemerlo2002fastslam`, eqs. 14 and 15, for sightings without a name; `montemerlo2003fastslam`, eqs.
 /// 9–15, for the beliefs.
-pub(super) fn associate<M: MeasurementModel>(
+pub(super) fn associate<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -64,7 +64,7 @@ pub(super) fn list_named(landmarks: &Landmarks, scan: &[ScanSighting], named: &m
 }
 
 /// Refines the beliefs of all particles by the sightings of known landmarks.
-fn refine_by_names<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
+fn refine_by_names<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
     let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
     for (sighting, slot) in scan.iter().zip(&work.associating.named) {
         let Some(slot) = slot else { continue };
@@ -78,7 +78,7 @@ fn refine_by_names<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, wor
 }
 
 /// The landmarks that some particle might see in each sighting, with their rows.
-fn find_candidates<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
+fn find_candidates<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
     let Work { beliefs, associating, .. } = work;
     let Associating { table, slots, .. } = associating;
     let (model, landmarks) = (&setup.models.measurement, &mut state.landmarks);
@@ -112,7 +112,7 @@ fn find_candidates<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, wor
 
 /// Every particle's decisions (an equal share each), with its belief refined by them; then those for landmarks that may
 /// not exist. Returns how many particles fell back to a simpler method.
-fn decide_all<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) -> u32 {
+fn decide_all<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) -> u32 {
     let decisions = &mut work.associating.decisions;
     decisions.clear();
     decisions.resize(state.particles.len() * scan.len(), Decision::Ignored);
@@ -142,7 +142,7 @@ fn decides_by_place_alone(settings: &Settings, landmarks: &Landmarks) -> bool {
 }
 
 /// Decisions of blocks of particles, in passes of vector code.
-fn decide_together<M: MeasurementModel>(setup: &Setup<M>, rules: &Rules, work: &mut Work, scan: &[ScanSighting]) {
+fn decide_together<M: Placing>(setup: &Setup<M>, rules: &Rules, work: &mut Work, scan: &[ScanSighting]) {
     let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
     let Work { associating, beliefs, log_likelihood, .. } = work;
     let Associating { table, deciding, decisions, .. } = associating;
@@ -156,7 +156,7 @@ fn decide_together<M: MeasurementModel>(setup: &Setup<M>, rules: &Rules, work: &
 }
 
 /// How well every candidate fits in every map.
-fn fill_fits<M: MeasurementModel>(
+fn fill_fits<M: Placing>(
     setup: &Setup<M>,
     (beliefs, scan): (&Beliefs, &[ScanSighting]),
     table: &CandidateTable,
@@ -190,7 +190,7 @@ fn gather_evidence(
 }
 
 /// Decisions of the particles one by one; returns how many fell back to a simpler method.
-fn decide_each<M: MeasurementModel>(
+fn decide_each<M: Placing>(
     setup: &Setup<M>,
     rules: &Rules,
     stream: Stream,

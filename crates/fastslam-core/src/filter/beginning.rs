@@ -15,7 +15,7 @@ use crate::geometry::Pose;
 use crate::given::{lower_triangle, Beginning, GivenLandmark, Role, Start};
 use crate::landmark::{Gaussian, Measured};
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::random::Purpose;
 
 /// No landmark is founded so near to a fixed one, in standard deviations of the range.
@@ -87,7 +87,7 @@ fn adopt_landmark<M>(setup: &Setup<M>, state: &mut State, landmark: GivenLandmar
 }
 
 /// Leaves out what would found a second landmark over a fixed one: sightings that may show it, however badly.
-pub(super) fn refuse_foundings<M: MeasurementModel>(
+pub(super) fn refuse_foundings<M: Placing>(
     setup: &Setup<M>,
     given: &Given,
     beliefs: &Beliefs,
@@ -125,7 +125,7 @@ impl Fixed {
 }
 
 /// Whether a sighting may show one of these landmarks.
-fn may_show<M: MeasurementModel>(setup: &Setup<M>, belief: &Belief, measured: &Measured, fixed: &Fixed) -> bool {
+fn may_show<M: Placing>(setup: &Setup<M>, belief: &Belief, measured: &Measured, fixed: &Fixed) -> bool {
     let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
     let [x, y] = model.inverse(belief.mean.compose(T_robot_sensor), measured.value);
     let [[xx, ..], [_, yy, _], [.., hh]] = belief.covariance;
@@ -144,7 +144,7 @@ fn may_show<M: MeasurementModel>(setup: &Setup<M>, belief: &Belief, measured: &M
 }
 
 /// Counts a scan whose sightings all name their landmarks.
-pub(super) fn count_given_named<M: MeasurementModel>(
+pub(super) fn count_given_named<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     scan: &[ScanSighting],
@@ -157,7 +157,7 @@ pub(super) fn count_given_named<M: MeasurementModel>(
 }
 
 /// Counts a scan as the best particle explains it.
-pub(super) fn count_given_decided<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, claims: Claims<'_>) {
+pub(super) fn count_given_decided<M: Placing>(setup: &Setup<M>, state: &mut State, claims: Claims<'_>) {
     if claims.scan.is_empty() || state.given.landmarks.is_empty() {
         return;
     }
@@ -173,7 +173,7 @@ pub(super) fn count_given_decided<M: MeasurementModel>(setup: &Setup<M>, state: 
 
 /// Counts a scan for the given landmarks that the best particle sighted in it, and against those in view that it did
 /// not, unless one of the `unexplained` sightings may show them.
-fn count_given<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, sighted: &[u32], unexplained: &[Measured]) {
+fn count_given<M: Placing>(setup: &Setup<M>, state: &mut State, sighted: &[u32], unexplained: &[Measured]) {
     let births: Vec<u64> = sighted.iter().map(|slot| state.landmarks.birth(*slot)).collect();
     let pose = state.particles.pose(state.particles.best());
     let belief = Belief { mean: pose, covariance: [[0.0; 3]; 3] };

@@ -6,7 +6,7 @@ use crate::geometry::Pose;
 use crate::geometry::Symmetric2;
 use crate::landmark::{column, Gaussian, Measured};
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::motion::MotionGaussian;
 use crate::random::Stream;
 use crate::resampling::follow;
@@ -100,7 +100,7 @@ impl Beliefs {
 
     /// How well a sighting of a landmark fits in every map, as columns of log-likelihoods and squared Mahalanobis
     /// distances. Where a map lacks the landmark, what is written does not count.
-    pub fn fit<M: MeasurementModel>(
+    pub fn fit<M: Placing>(
         &self,
         model: &M,
         T_robot_sensor: Pose,
@@ -137,7 +137,7 @@ impl Beliefs {
     /// A box around the places where a sighted landmark can be in any map.
     ///
     /// `reach` is in standard deviations; `lever_arm_m` is how far the sensor stands from the robot's origin.
-    pub fn region_of<M: MeasurementModel>(
+    pub fn region_of<M: Placing>(
         &self,
         model: &M,
         T_robot_sensor: Pose,
@@ -234,7 +234,7 @@ pub struct Refinement<'a, M> {
     pub rows: Rows<'a>,
 }
 
-impl<M: MeasurementModel> Refinement<'_, M> {
+impl<M: Placing> Refinement<'_, M> {
     /// Refines the beliefs of the particles from number `first` on by the sighting of the landmark, adding its
     /// log-likelihoods to `log_likelihood`. Particles that lack the landmark keep their belief.
     pub fn apply(&self, first: usize, columns: [&mut [f64]; COLUMNS], log_likelihood: &mut [f64]) {

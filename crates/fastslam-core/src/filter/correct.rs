@@ -7,7 +7,7 @@ use super::work::{Associating, Correcting, Work};
 use super::StepInfo;
 use crate::association::{Decision, ExistenceForm, Identities, ScanSighting};
 use crate::landmark::{column, first_rows, Correction, SensorPoses};
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::store::RowsMut;
 use crate::workers::PART;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
@@ -22,7 +22,7 @@ pub(super) fn place_sensors<M>(setup: &Setup<M>, state: &State, work: &mut Work)
 /// Corrects the landmarks that the sightings are claimed for, and founds those that are new.
 ///
 /// **Source:** `montemerlo2002fastslam`, section 3.2; `montemerlo2003fastslam`, eq. 17, at the sampled pose.
-pub(super) fn correct<M: MeasurementModel>(
+pub(super) fn correct<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -38,7 +38,7 @@ pub(super) fn correct<M: MeasurementModel>(
 }
 
 /// Corrects or founds the same landmark in all maps; the likelihoods of the sightings add up.
-fn correct_named<M: MeasurementModel>(
+fn correct_named<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -59,7 +59,7 @@ fn correct_named<M: MeasurementModel>(
 }
 
 /// Corrects, founds or leaves landmarks as every particle decided.
-fn correct_decided<M: MeasurementModel>(
+fn correct_decided<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -129,7 +129,7 @@ struct Corrector<'a, M> {
     log_likelihood: &'a mut Vec<f64>,
 }
 
-impl<M: MeasurementModel> Corrector<'_, M> {
+impl<M: Placing> Corrector<'_, M> {
     fn forget_likelihoods(&mut self, particles: usize) {
         self.log_likelihood.clear();
         self.log_likelihood.resize(particles, 0.0);

@@ -7,7 +7,7 @@ use super::state::State;
 use super::work::Associating;
 use crate::association::{Belief, CandidateTable, Decision, Rules, ScanSighting};
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// The rules of association, with the clutter that was learned where none is told.
 pub(super) fn rules(settings: &Settings, landmarks: &Landmarks) -> Rules {
@@ -37,7 +37,7 @@ pub(super) fn set_doubtful_aside(state: &State, associating: &mut Associating) {
 
 /// Gives sightings that nothing else explains to the likeliest of the candidates that were set aside, which come back to
 /// the others. It changes decisions only, neither beliefs nor weights.
-pub(super) fn explain_by_doubtful<M: MeasurementModel>(
+pub(super) fn explain_by_doubtful<M: Placing>(
     setup: &Setup<M>,
     beliefs: &Beliefs,
     associating: &mut Associating,
@@ -65,7 +65,7 @@ pub(super) fn explain_by_doubtful<M: MeasurementModel>(
 }
 
 /// The likeliest of some candidates within the gate, as one particle has them.
-fn likeliest<M: MeasurementModel>(
+fn likeliest<M: Placing>(
     setup: &Setup<M>,
     (particle, belief): (usize, Belief),
     sighting: &ScanSighting,

@@ -17,7 +17,7 @@ use super::state::{Maps, Rejuvenation, State};
 use crate::association::{area_m2, disagreement_m2, CandidateTable, ScanSighting, GATE};
 use crate::geometry::Pose;
 use crate::landmark::column;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// A landmark is ambiguous where so many others are expected within the region (99 %) in which it may lie.
 const MOST_RIVALS: f64 = 0.05;
@@ -37,7 +37,7 @@ pub(super) struct Doubt {
 }
 
 /// Candidates that odometry alone cannot tell from others; none where paths are not drawn by need.
-pub(super) fn about<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, table: &CandidateTable) -> Vec<Doubt> {
+pub(super) fn about<M: Placing>(setup: &Setup<M>, state: &mut State, table: &CandidateTable) -> Vec<Doubt> {
     Knowledge::of(setup, state).map_or(Vec::new(), |mut knowledge| knowledge.doubts(table))
 }
 
@@ -70,7 +70,7 @@ pub(super) fn strike_out(doubts: &[Doubt], beliefs: &Beliefs, table: &mut Candid
 }
 
 /// Takes note of what the best particle sighted and founded in a scan.
-pub(super) fn note_need<M: MeasurementModel>(
+pub(super) fn note_need<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     scan: &[ScanSighting],
@@ -100,7 +100,7 @@ struct Knowledge<'a, M> {
     need: &'a Need,
 }
 
-impl<'a, M: MeasurementModel> Knowledge<'a, M> {
+impl<'a, M: Placing> Knowledge<'a, M> {
     /// Where paths are drawn by need.
     fn of(setup: &'a Setup<M>, state: &'a mut State) -> Option<Self> {
         let State { rejuvenation, particles, landmarks, given, .. } = state;
@@ -164,7 +164,7 @@ impl<'a, M: MeasurementModel> Knowledge<'a, M> {
 }
 
 /// Area in which a particle looks for a landmark that it expects here, square metres.
-fn gate_m2<M: MeasurementModel>(setup: &Setup<M>, at: [f64; 2], from: Pose) -> f64 {
+fn gate_m2<M: Placing>(setup: &Setup<M>, at: [f64; 2], from: Pose) -> f64 {
     let range_m = (at[0] - from.x).hypot(at[1] - from.y);
     let noise = setup.models.measurement.noise_covariance();
     let exponent = setup.settings.config.filter.likelihood_exponent;

@@ -11,7 +11,7 @@ use crate::diagnosis::looks::{InView, MapInView};
 use crate::diagnosis::Returns;
 use crate::geometry::Symmetric2;
 use crate::landmark::{column, gaussian_in, innovation_covariance, Gaussian};
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// A landmark seen less often than this may be clutter, of which nobody expects to see it again.
 const SIGHTINGS_TO_COUNT: f64 = 3.0;
@@ -20,12 +20,7 @@ const SIGHTINGS_TO_COUNT: f64 = 3.0;
 ///
 /// What the particles decided is looked at as the one has it that explains all best, the scan included; names are
 /// known before.
-pub(super) fn examine<M: MeasurementModel>(
-    setup: &Setup<M>,
-    state: &mut State,
-    work: &mut Work,
-    scan: &[ScanSighting],
-) {
+pub(super) fn examine<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
     if setup.settings.identities == Identities::All {
         examine_named(setup, state, work, scan);
     } else {
@@ -35,7 +30,7 @@ pub(super) fn examine<M: MeasurementModel>(
 }
 
 /// Examines a scan whose sightings all name their landmark.
-fn examine_named<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
+fn examine_named<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
     let Work { matches, examination, associating, .. } = work;
     let Examination { known, particles, pairs, .. } = examination;
     known.clear();
@@ -57,7 +52,7 @@ fn examine_named<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, work:
 }
 
 /// Examines a scan after the particles decided what it shows.
-fn examine_decided<M: MeasurementModel>(
+fn examine_decided<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -142,7 +137,7 @@ fn choose_subset(count: usize, particles: &mut Vec<usize>) {
 }
 
 /// Scores sightings (value and noise) of landmarks, given as each particle of the subset has them.
-fn score<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, examination: &mut Examination, best: usize) {
+fn score<M: Placing>(setup: &Setup<M>, state: &mut State, examination: &mut Examination, best: usize) {
     let Examination { particles, pairs, predictions, .. } = examination;
     predictions.clear();
     predictions.extend(particles.iter().enumerate().filter_map(|(row, i)| prediction(setup, state, (*i, row), pairs)));
@@ -154,7 +149,7 @@ fn score<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, examination: 
 }
 
 /// What one particle predicts; `None` where it lacks a landmark or has no weight.
-fn prediction<M: MeasurementModel>(
+fn prediction<M: Placing>(
     setup: &Setup<M>,
     state: &State,
     (particle, row): (usize, usize),

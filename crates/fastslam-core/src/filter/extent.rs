@@ -5,7 +5,7 @@ use super::beliefs::Beliefs;
 use crate::association::Box2;
 use crate::geometry::Pose;
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::sighting::Measured;
 use crate::vector::vectorized;
 
@@ -71,7 +71,7 @@ impl Extent {
 
     /// A box that holds [`Beliefs::region_of`] and is little larger; none when the particles lie too far apart for
     /// that.
-    pub fn region_of<M: MeasurementModel>(
+    pub fn region_of<M: Placing>(
         &self,
         model: &M,
         measured: &Measured,

@@ -7,13 +7,13 @@ use super::state::State;
 use super::work::Work;
 use super::{existence, StepInfo};
 use crate::association::{Identities, MergingRule, ScanSighting};
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// Counts a scan for and against the landmarks in view, and makes one of those that are. Where sightings name their
 /// landmarks there is nothing to judge.
 ///
 /// **Source:** `montemerlo2003fastslam`, eq. 22.
-pub(super) fn judge<M: MeasurementModel>(
+pub(super) fn judge<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,

@@ -10,7 +10,7 @@ use crate::association::{Box2, Decision};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, innovation_covariance};
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use std::f64::consts::PI;
 
 /// What is sighted hides what is farther away and so near to its direction, beside the bearing's own error.
@@ -35,7 +35,7 @@ impl Claims<'_> {
 
 /// Looks for every landmark that the scan should have shown, and removes those that have faded; returns how many the best
 /// particle lost.
-pub(super) fn fade_unconfirmed<M: MeasurementModel>(
+pub(super) fn fade_unconfirmed<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     claims: Claims<'_>,
@@ -76,7 +76,7 @@ fn list_in_reach(landmarks: &mut Landmarks, region: &Box2, first_birth: u64, in_
 
 /// A look at one landmark, as the best particle has it, or the first one that has it; `None` where it is not in view, or
 /// may be hidden.
-fn look_for<M: MeasurementModel>(
+fn look_for<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     slot: u32,

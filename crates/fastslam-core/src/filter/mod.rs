@@ -57,7 +57,7 @@ use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::Result;
 use crate::geometry::{Pose, Symmetric2};
 use crate::given::{Beginning, GivenLandmark};
-use crate::measurement::{MeasurementModel, RangeBearing};
+use crate::measurement::{Placing, RangeBearing};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::path::PathForest;
 use crate::store::StoreUsage;
@@ -108,7 +108,7 @@ impl<M: Clone> Clone for FastSlam<M> {
     }
 }
 
-impl<M: MeasurementModel> FastSlam<M> {
+impl<M: Placing> FastSlam<M> {
     /// A filter for any measurement model, which brings its own noise; of `Config::sensor` the limits, the tail and
     /// the mounting count.
     pub fn with_model(config: Config, identities: Identities, model: M) -> Result<Self> {

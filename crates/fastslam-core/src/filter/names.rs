@@ -8,12 +8,12 @@ use crate::association::ScanSighting;
 use crate::diagnosis::names::{Doubt, Misfit, NamedPlace, IMPLAUSIBLE};
 use crate::geometry::Symmetric2;
 use crate::landmark::{column, Gaussian, Measured};
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::sighting::{Seen, Taken};
 
 /// Leaves out the sightings of a scan that name a landmark which no particle can have seen there, while the others fit;
 /// removes landmarks that were founded by such a sighting.
-pub(super) fn doubt_names<M: MeasurementModel>(
+pub(super) fn doubt_names<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     seen: &mut Vec<Seen>,
@@ -44,7 +44,7 @@ pub(super) fn doubt_names<M: MeasurementModel>(
 }
 
 /// Whether no particle can have seen its landmark there; nearly always `first`, who is asked first, can.
-fn is_implausible<M: MeasurementModel>(
+fn is_implausible<M: Placing>(
     setup: &Setup<M>,
     state: &State,
     (sighting, slot): (&ScanSighting, u32),
@@ -61,7 +61,7 @@ fn is_implausible<M: MeasurementModel>(
     })
 }
 
-fn doubt_name<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, sighting: &ScanSighting) -> Doubt {
+fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSighting) -> Doubt {
     let best = state.particles.best();
     let (Some(identity), Some(slot)) = (sighting.identity, state.landmarks.named(sighting)) else {
         return Doubt::LeaveOut;

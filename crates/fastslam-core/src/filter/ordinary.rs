@@ -10,7 +10,7 @@ use crate::association::{Box2, ScanSighting};
 use crate::error::{Error, Result};
 use crate::geometry::Matrix3;
 use crate::limits::{FARTHEST_M, LARGEST_NUMBER, LARGEST_STATE, LONGEST_M};
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::sighting::Measured;
 use crate::vector::vectorized;
 
@@ -24,7 +24,7 @@ const LEAST_INDEPENDENCE: f64 = 1e-6;
 
 /// Takes in the rounds of a scan. What fails leaves an ordinary filter with equal weights
 /// ([`start_anew_with_weights`]), which only a measurement model of one's own can bring about, and any other as it was.
-pub(super) fn take_in<M: MeasurementModel>(
+pub(super) fn take_in<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -50,7 +50,7 @@ pub(super) fn take_in<M: MeasurementModel>(
 }
 
 /// The sizes with what a scan brings.
-fn sizes_with<M: MeasurementModel>(setup: &Setup<M>, state: &State, rounds: &[Vec<ScanSighting>]) -> Sizes {
+fn sizes_with<M: Placing>(setup: &Setup<M>, state: &State, rounds: &[Vec<ScanSighting>]) -> Sizes {
     let Sizes { mut coarsest_m2, was_exceeded } = state.sizes;
     let motion = &state.motions.pending;
     let mut finest_m2 = f64::INFINITY;

@@ -20,7 +20,7 @@ use crate::association::Identities;
 use crate::geometry::Pose;
 use crate::landmark::{column, Gaussian};
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::motion::MotionGaussian;
 use crate::random::{Purpose, Stream};
 use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Sampling, LANES};
@@ -74,7 +74,7 @@ pub(super) fn merged_by_draw(state: &State) -> u32 {
 ///
 /// Returns false, and leaves everything as it is, when the filter was not configured for it (`filter.rejuvenation`), when
 /// nothing happened since the last time, or when no finite solution was found.
-pub(super) fn rejuvenate<M: MeasurementModel>(setup: &Setup<M>, state: &mut State, work: &mut Work) -> bool {
+pub(super) fn rejuvenate<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work) -> bool {
     let Some(rejuvenation) = &state.rejuvenation else { return false };
     let fresh = rejuvenation.history.steps() > rejuvenation.last;
     let cost = Cell::new(0.0);
@@ -93,7 +93,7 @@ pub(super) fn rejuvenate<M: MeasurementModel>(setup: &Setup<M>, state: &mut Stat
 }
 
 /// Returns the path and the births of landmarks that went over into others (younger, older); `None` when nothing was done.
-fn start_anew<M: MeasurementModel>(
+fn start_anew<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -130,7 +130,7 @@ fn start_anew<M: MeasurementModel>(
 }
 
 /// The least-squares problem over the best particle's past; poses before the step `first_free` stand still.
-fn graph_of<'a, M: MeasurementModel>(
+fn graph_of<'a, M: Placing>(
     setup: &'a Setup<M>,
     state: &'a State,
     places: &FxHashMap<u32, Place>,
@@ -192,7 +192,7 @@ fn trajectory<M>(setup: &Setup<M>, state: &State, first_free: usize) -> Option<T
 }
 
 /// Closes the loops that the best particle has missed, if the configuration wants that.
-fn close_loops<M: MeasurementModel>(
+fn close_loops<M: Placing>(
     setup: &Setup<M>,
     state: &State,
     (graph, mode): (&mut Graph<'_, M>, Mode),

@@ -6,17 +6,12 @@ use super::setup::Setup;
 use super::state::State;
 use super::work::{Claims, Work};
 use crate::association::{Decision, Identities, ScanSighting};
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::sighting::{Seen, Taken};
 use crate::smoothing::NO_LANDMARK;
 
 /// Remembers a scan with what it was taken for.
-pub(super) fn remember<M: MeasurementModel>(
-    setup: &Setup<M>,
-    state: &mut State,
-    work: &mut Work,
-    scan: &[ScanSighting],
-) {
+pub(super) fn remember<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
     if setup.settings.identities == Identities::All {
         count_given_named(setup, state, scan, &work.associating.named);
         remember_named(state, scan, &work.associating.named);
@@ -50,12 +45,7 @@ fn remember_decided(state: &mut State, claims: Claims<'_>, births: &[u64]) {
 }
 
 /// Where paths are drawn by need, remembers what the best particle sighted and founded.
-fn remember_need<M: MeasurementModel>(
-    setup: &Setup<M>,
-    state: &mut State,
-    claims: Claims<'_>,
-    founded: &[(usize, u32)],
-) {
+fn remember_need<M: Placing>(setup: &Setup<M>, state: &mut State, claims: Claims<'_>, founded: &[(usize, u32)]) {
     if state.rejuvenation.as_ref().is_none_or(|rejuvenation| rejuvenation.need.is_none()) {
         return;
     }

@@ -17,7 +17,7 @@ use crate::association::{Identities, ScanSighting};
 use crate::diagnosis::health::Vitals;
 use crate::error::Result;
 use crate::limits::LARGEST_STATE;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::motion::MotionByNoise;
 use crate::sighting::{Sighting, Skipped};
 use crate::step_info::NoiseInWindow;
@@ -31,7 +31,7 @@ pub(super) struct Rounds<'a> {
 /// Parts the usable sightings into scans that see each identity once at most; returns how many there are, one at least.
 ///
 /// **Why:** two sightings with one identity are not independent given the pose's prior: the second waits for the first.
-pub(super) fn fill_rounds<M: MeasurementModel>(
+pub(super) fn fill_rounds<M: Placing>(
     setup: &Setup<M>,
     rounds: &mut Vec<Vec<ScanSighting>>,
     sightings: &[Sighting],
@@ -58,7 +58,7 @@ pub(super) fn fill_rounds<M: MeasurementModel>(
 }
 
 /// Processes the rounds of a scan.
-pub(super) fn process_rounds<M: MeasurementModel>(
+pub(super) fn process_rounds<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -95,7 +95,7 @@ pub(super) fn process_rounds<M: MeasurementModel>(
 }
 
 /// One scan with at most one sighting per identity.
-fn process<M: MeasurementModel>(
+fn process<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -115,7 +115,7 @@ fn process<M: MeasurementModel>(
 }
 
 /// Gives the verdict on a step.
-fn judge_health<M: MeasurementModel>(
+fn judge_health<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,

@@ -5,7 +5,7 @@ use crate::association::{Identities, Rules};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::Pose;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::random::RandomSource;
 use crate::workers::Workers;
 
@@ -37,7 +37,7 @@ pub(super) struct Settings {
     pub random: RandomSource,
 }
 
-impl<M: MeasurementModel> Setup<M> {
+impl<M: Placing> Setup<M> {
     /// For a configuration and a measurement model; `identities` says which sightings will come with one.
     pub fn new(config: Config, identities: Identities, measurement: M) -> Result<Self> {
         config.validate()?;

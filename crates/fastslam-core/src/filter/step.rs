@@ -16,7 +16,7 @@ use super::work::Work;
 use super::StepInfo;
 use crate::association::ScanSighting;
 use crate::error::Result;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// FastSLAM 2.0; and 1.0 where particles decide what a sighting shows: its poses are samples already, of which the
 /// beliefs have no spread.
@@ -28,7 +28,7 @@ use crate::measurement::MeasurementModel;
 /// **Why:** the weight (evidence form) does not depend on the sampled pose, so resampling comes first and copies of one
 /// ancestor get different poses. The landmarks are corrected at the sampled pose, not at the predicted one as eq. 17
 /// prints it: only that converges. What is judged away has no birth any more, so the scan is remembered before.
-pub(super) fn step<M: MeasurementModel>(
+pub(super) fn step<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
@@ -54,7 +54,7 @@ pub(super) fn step<M: MeasurementModel>(
 ///
 /// **Source:** `montemerlo2002fastslam`, sections 3.1 and 3.2. **Why:** the correction of a landmark says how likely its
 /// sighting was, so that one pass over the maps does what [`step`] needs two for.
-pub(super) fn step_fused<M: MeasurementModel>(
+pub(super) fn step_fused<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,

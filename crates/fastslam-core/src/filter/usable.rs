@@ -4,7 +4,7 @@ use super::{Identities, Sighting, Skipped};
 use crate::association::ScanSighting;
 use crate::geometry::Symmetric2;
 use crate::limits::{LEAST, LONGEST_M};
-use crate::measurement::{MeasurementModel, Sensor};
+use crate::measurement::{Placing, Sensor};
 use crate::sighting::Measured;
 
 /// Whether a covariance is one, of a size that the sensor's own noise may have.
@@ -14,7 +14,7 @@ fn can_be_computed_with(noise: Symmetric2) -> bool {
 }
 
 /// The sightings that can be used, as measurements; the others are counted by reason.
-pub(crate) fn usable<'a, M: MeasurementModel>(
+pub(crate) fn usable<'a, M: Placing>(
     sensor: &'a Sensor,
     identities: Identities,
     model: &'a M,

@@ -1,6 +1,6 @@
 //! Direction of a landmark, and nothing else: cameras and direction finders.
 
-use super::observation::{Component, Derivatives, Observation};
+use super::{Births, Component, Linearization, MeasurementModel};
 use crate::geometry::Pose;
 use crate::math;
 use crate::normal::{Matrix, Normal};
@@ -24,7 +24,7 @@ pub struct BearingOnly {
     pub farthest_m: f64,
 }
 
-impl Observation<1, 2> for BearingOnly {
+impl MeasurementModel<1, 2> for BearingOnly {
     fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 1] {
         let dx = landmark_in_world[0] - T_world_sensor.x;
         let dy = landmark_in_world[1] - T_world_sensor.y;
@@ -43,6 +43,18 @@ impl Observation<1, 2> for BearingOnly {
         [Component { name: "bearing", unit: "rad", noise_key: "bearing_std_rad" }]
     }
 
+    fn linearize(&self, T_world_sensor: Pose, landmark_in_world: [f64; 2]) -> Linearization<1, 2> {
+        let (dx, dy) = (landmark_in_world[0] - T_world_sensor.x, landmark_in_world[1] - T_world_sensor.y);
+        let squared = dx * dx + dy * dy;
+        // At the landmark itself no direction is better than another: a sighting there moves nothing.
+        let inverse = if squared > 0.0 { 1.0 / squared } else { 0.0 };
+        let (x, y) = (-dy * inverse, dx * inverse);
+        let expected = math::wrap_angle(math::atan2(dy, dx) - T_world_sensor.heading);
+        Linearization { expected: [expected], by_landmark: [[x, y]], by_pose: [[-x, -y, -1.0]] }
+    }
+}
+
+impl Births<1, 2> for BearingOnly {
     /// A ray of Gaussians at geometric distances: all scales are alike until there is parallax.
     ///
     /// **Source:** `sola2005undelayed`: Gaussians whose widths are in a fixed ratio to their distances, which are in geometric
@@ -63,16 +75,6 @@ impl Observation<1, 2> for BearingOnly {
                 (1.0 / (count + 1.0), Normal { mean, covariance })
             })
             .collect()
-    }
-
-    fn differentiate(&self, T_world_sensor: Pose, landmark_in_world: [f64; 2]) -> Derivatives<1, 2> {
-        let (dx, dy) = (landmark_in_world[0] - T_world_sensor.x, landmark_in_world[1] - T_world_sensor.y);
-        let squared = dx * dx + dy * dy;
-        // At the landmark itself no direction is better than another: a sighting there moves nothing.
-        let inverse = if squared > 0.0 { 1.0 / squared } else { 0.0 };
-        let (x, y) = (-dy * inverse, dx * inverse);
-        let expected = math::wrap_angle(math::atan2(dy, dx) - T_world_sensor.heading);
-        Derivatives { expected: [expected], by_landmark: [[x, y]], by_pose: [[-x, -y, -1.0]] }
     }
 }
 

@@ -1,7 +1,8 @@
 //! Position of a landmark in the sensor's frame.
 
-use super::MeasurementModel;
+use super::{Component, MeasurementModel, Placing};
 use crate::geometry::{Pose, Symmetric2};
+use crate::normal::Matrix;
 use crate::real::Real;
 
 /// A landmark's coordinates as the sensor sees them, with the same noise in both.
@@ -14,7 +15,7 @@ pub struct Cartesian {
     pub position_std_m: f64,
 }
 
-impl MeasurementModel for Cartesian {
+impl MeasurementModel<2, 2> for Cartesian {
     #[inline(always)]
     fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2] {
         let (s, c) = T_world_sensor.heading.sin_cos();
@@ -29,13 +30,20 @@ impl MeasurementModel for Cartesian {
     }
 
     #[inline(always)]
-    fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2] {
-        T_world_sensor.transform(measured)
+    fn noise(&self) -> Matrix<2, 2> {
+        let variance = self.position_std_m * self.position_std_m;
+        [[variance, 0.0], [0.0, variance]]
     }
 
-    fn noise_covariance(&self) -> Symmetric2 {
-        let variance = self.position_std_m * self.position_std_m;
-        Symmetric2::new(variance, 0.0, variance)
+    fn components(&self) -> [Component; 2] {
+        ["x", "y"].map(|name| Component { name, unit: "m", noise_key: "position_std_m" })
+    }
+}
+
+impl Placing for Cartesian {
+    #[inline(always)]
+    fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2] {
+        T_world_sensor.transform(measured)
     }
 
     fn range(&self, measured: [f64; 2]) -> f64 {

@@ -1,85 +1,25 @@
 //! Measurement models: what a sensor should see of a landmark, and how uncertain that is.
 //!
-//! A new model is one file with [`MeasurementModel`] implemented;
-//! [`crate::testing::check_measurement_model`] puts it through its conformance suite.
+//! A new model is one file with [`MeasurementModel`] implemented, and [`Placing`] or [`Births`];
+//! [`crate::testing`] has their conformance suites.
 
 mod bearing_only;
 mod cartesian;
-mod observation;
+mod model;
 mod range_bearing;
 mod range_only;
 
 pub use bearing_only::BearingOnly;
 pub use cartesian::Cartesian;
-pub use observation::{birth_at, Component, Derivatives, Observation};
+pub use model::{birth_at, Births, Component, Linearization, MeasurementModel, Placing};
 pub use range_bearing::RangeBearing;
 pub use range_only::RangeOnly;
 
 use crate::density::Tail;
 use crate::error::{finite, non_negative, positive, Error, Result};
-use crate::geometry::{Pose, Symmetric2};
-use crate::real::{Dual, Real};
+use crate::geometry::Pose;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-
-/// Expected measurement with its derivatives.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Linearization<R = f64> {
-    /// Expected measurement.
-    pub expected: [R; 2],
-    /// G_θ: derivative by the landmark's position, in row order.
-    pub by_landmark: [[R; 2]; 2],
-    /// G_s: derivative by the sensor's pose (x, y, heading), in row order.
-    pub by_pose: [[R; 3]; 2],
-}
-
-/// How a sensor sees a point landmark in the plane: two numbers per sighting.
-pub trait MeasurementModel: Sync {
-    /// g: the measurement that the sensor at `T_world_sensor` should make of a landmark.
-    fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2];
-
-    /// Measured minus expected, angles wrapped.
-    fn innovation<R: Real>(&self, measured: [R; 2], expected: [R; 2]) -> [R; 2];
-
-    /// g⁻¹: where the landmark is.
-    fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2];
-
-    /// R: covariance of the measurement.
-    fn noise_covariance(&self) -> Symmetric2;
-
-    /// A reported measurement without the sensor's systematic errors; models without such settings leave it as it is.
-    fn corrected(&self, reported: [f64; 2], _sensor: &Sensor) -> [f64; 2] {
-        reported
-    }
-
-    /// Whether the numbers of a measurement can be computed with.
-    fn is_usable(&self, measured: [f64; 2]) -> bool {
-        measured.iter().all(|v| v.is_finite())
-    }
-
-    /// Distance of the landmark from the sensor, metres.
-    fn range(&self, measured: [f64; 2]) -> f64;
-
-    /// Variance of the landmark's position that the noise of one measurement makes, in the worst direction: an upper
-    /// bound, square metres.
-    fn position_variance(&self, measured: [f64; 2], noise: Symmetric2) -> f64;
-
-    /// g with its Jacobians. By automatic differentiation unless the model has a closed form, which the conformance
-    /// suite checks against it.
-    fn linearize(&self, T_world_sensor: Pose, landmark_in_world: [f64; 2]) -> Linearization {
-        let pose: [Dual<5>; 3] = {
-            let values = T_world_sensor.to_array();
-            std::array::from_fn(|i| Dual::variable(values[i], i))
-        };
-        let landmark: [Dual<5>; 2] = std::array::from_fn(|i| Dual::variable(landmark_in_world[i], 3 + i));
-        let z = self.expected(Pose::new(pose[0], pose[1], pose[2]), landmark);
-        Linearization {
-            expected: z.map(|v| v.value),
-            by_landmark: z.map(|v| [v.gradient[3], v.gradient[4]]),
-            by_pose: z.map(|v| [v.gradient[0], v.gradient[1], v.gradient[2]]),
-        }
-    }
-}
 
 /// Where the sensor sits on the robot: `T_robot_sensor`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]

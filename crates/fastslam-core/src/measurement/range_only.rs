@@ -1,6 +1,6 @@
 //! Distance of a landmark, and nothing else: beacons that are heard.
 
-use super::observation::{Component, Observation};
+use super::{Births, Component, Linearization, MeasurementModel};
 use crate::geometry::Pose;
 use crate::math;
 use crate::normal::{Matrix, Normal};
@@ -21,7 +21,7 @@ pub struct RangeOnly {
     pub range_std_m: f64,
 }
 
-impl Observation<1, 2> for RangeOnly {
+impl MeasurementModel<1, 2> for RangeOnly {
     fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 1] {
         let dx = landmark_in_world[0] - T_world_sensor.x;
         let dy = landmark_in_world[1] - T_world_sensor.y;
@@ -40,6 +40,17 @@ impl Observation<1, 2> for RangeOnly {
         [Component { name: "range", unit: "m", noise_key: "range_std_m" }]
     }
 
+    fn linearize(&self, T_world_sensor: Pose, landmark_in_world: [f64; 2]) -> Linearization<1, 2> {
+        let (dx, dy) = (landmark_in_world[0] - T_world_sensor.x, landmark_in_world[1] - T_world_sensor.y);
+        let range = (dx * dx + dy * dy).sqrt();
+        // At the landmark itself no direction is better than another: a sighting there moves nothing.
+        let inverse = if range > 0.0 { 1.0 / range } else { 0.0 };
+        let (x, y) = (dx * inverse, dy * inverse);
+        Linearization { expected: [range], by_landmark: [[x, y]], by_pose: [[-x, -y, 0.0]] }
+    }
+}
+
+impl Births<1, 2> for RangeOnly {
     /// A ring of Gaussians, all alike: σ_r across, and along as wide as the ring is straight to half a σ_r.
     ///
     /// **Source:** `blanco2008efficient`; a chord of half-length σ_t leaves a ring of radius r by σ_t² / 2r.
@@ -58,15 +69,6 @@ impl Observation<1, 2> for RangeOnly {
                 (1.0 / count, Normal { mean, covariance })
             })
             .collect()
-    }
-
-    fn differentiate(&self, T_world_sensor: Pose, landmark_in_world: [f64; 2]) -> super::Derivatives<1, 2> {
-        let (dx, dy) = (landmark_in_world[0] - T_world_sensor.x, landmark_in_world[1] - T_world_sensor.y);
-        let range = (dx * dx + dy * dy).sqrt();
-        // At the landmark itself no direction is better than another: a sighting there moves nothing.
-        let inverse = if range > 0.0 { 1.0 / range } else { 0.0 };
-        let (x, y) = (dx * inverse, dy * inverse);
-        super::Derivatives { expected: [range], by_landmark: [[x, y]], by_pose: [[-x, -y, 0.0]] }
     }
 }
 

@@ -376,7 +376,7 @@ mod tests {
 
     impl RangeOnly {
         fn differentiated(&self, sensor: Pose, landmark: [f64; 2]) -> f64 {
-            crate::measurement::Observation::differentiate(self, sensor, landmark).expected[0]
+            crate::measurement::MeasurementModel::linearize(self, sensor, landmark).expected[0]
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::geometry::Pose;
-use crate::measurement::Observation;
+use crate::measurement::{Births, MeasurementModel};
 use crate::normal::{Matrix, Normal};
 use serde::{Deserialize, Serialize};
 
@@ -82,10 +82,10 @@ pub trait Sensing<const Z: usize>: Send + Sync {
     fn births(&self, sightings: &[(Pose, [f64; Z])], noise: &Matrix<Z, Z>) -> Result<Vec<Vec<(f64, Normal<2>)>>>;
 }
 
-impl<const Z: usize, M: Observation<Z, 2>> Sensing<Z> for M {
+impl<const Z: usize, M: Births<Z, 2>> Sensing<Z> for M {
     fn look(&self, requests: &[Request<Z>]) -> Result<Vec<Look<Z>>> {
         let look = |request: &Request<Z>| {
-            let mut seen = self.differentiate(request.T_world_sensor, request.landmark);
+            let mut seen = self.linearize(request.T_world_sensor, request.landmark);
             let expected = request.calibration.reported(seen.expected);
             seen.by_landmark[0] = seen.by_landmark[0].map(|v| v * request.calibration.scale);
             seen.by_pose[0] = seen.by_pose[0].map(|v| v * request.calibration.scale);
@@ -100,7 +100,7 @@ impl<const Z: usize, M: Observation<Z, 2>> Sensing<Z> for M {
     }
 
     fn noise(&self) -> Matrix<Z, Z> {
-        Observation::noise(self)
+        MeasurementModel::noise(self)
     }
 
     fn columns(&self) -> [usize; Z] {
@@ -113,7 +113,7 @@ impl<const Z: usize, M: Observation<Z, 2>> Sensing<Z> for M {
     }
 
     fn births(&self, sightings: &[(Pose, [f64; Z])], noise: &Matrix<Z, Z>) -> Result<Vec<Vec<(f64, Normal<2>)>>> {
-        Ok(sightings.iter().map(|(sensor, measured)| Observation::births(self, *sensor, *measured, noise)).collect())
+        Ok(sightings.iter().map(|(sensor, measured)| Births::births(self, *sensor, *measured, noise)).collect())
     }
 }
 

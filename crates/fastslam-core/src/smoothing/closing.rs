@@ -12,7 +12,7 @@ use super::differences::{Candidate, Differences, Pair, Set};
 use super::factor::{Lanes, LANES};
 use super::graph::{Graph, Known, Mode, Sights};
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// Largest squared Mahalanobis distance of two landmarks that may be one, as 16 draws show it: Hotelling's T² that one
 /// pair in a thousand exceeds, 2 · 16 / 15 · F(2, 15).
@@ -46,7 +46,7 @@ pub struct Closing<'a> {
     pub evidence: &'a dyn Fn([u32; 2]) -> Option<f64>,
 }
 
-impl<M: MeasurementModel> Graph<'_, M> {
+impl<M: Placing> Graph<'_, M> {
     /// Closes the loops that the associations have missed; returns the mode with them, and the births of which landmark
     /// went over into which, in this order (younger, older).
     ///

@@ -5,7 +5,7 @@ use super::graph::Sights;
 use super::history::History;
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{Gaussian, Measured};
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::vector::vectorized;
 
 /// Draws of paths with their landmarks, side by side.
@@ -50,7 +50,7 @@ impl Draws {
     ///
     /// **Source:** Σ⁻¹ = Σ_t G_θᵀ R⁻¹ G_θ, which the sequential updates of `montemerlo2002fastslam` compute too, but
     /// each of those linearises where the landmark was thought to be at its time.
-    pub fn landmark_given_paths<M: MeasurementModel>(
+    pub fn landmark_given_paths<M: Placing>(
         &self,
         model: &M,
         history: &History,
@@ -87,7 +87,7 @@ impl Draws {
 
 /// Adds what a sighting says about a landmark: the precision (xx, xy, yy) and the gradient (x, y).
 #[inline(always)]
-fn add_sighting<M: MeasurementModel>(
+fn add_sighting<M: Placing>(
     model: &M,
     measured: Measured,
     [sensor_x, sensor_y, heading]: &[Lanes; 3],

@@ -6,7 +6,7 @@ use super::graph::{Graph, Mode};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::Gaussian;
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::random::Stream;
 use crate::vector::vectorized;
 
@@ -29,7 +29,7 @@ pub struct Sampling {
 }
 
 /// Draws paths from the Laplace approximation at a mode, with the landmarks that follow from each path.
-pub fn draw<M: MeasurementModel>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) -> Drawn {
+pub fn draw<M: Placing>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) -> Drawn {
     let count = sampling.count;
     let (held, free) = mode.solution.trajectory.poses.split_at(graph.first_free);
     let mut draws = Draws {

@@ -8,7 +8,7 @@ use crate::gaussian::Gaussian;
 use crate::geometry::{Matrix3, Pose, Symmetric2};
 use crate::landmark::{innovation_covariance, Measured, Tail};
 use crate::math;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use rustc_hash::FxHashMap;
 use std::cell::Cell;
 
@@ -122,7 +122,7 @@ struct Layout {
     seen_from: Vec<Vec<u32>>,
 }
 
-impl<M: MeasurementModel> Graph<'_, M> {
+impl<M: Placing> Graph<'_, M> {
     /// The mode near a first guess; `None` when no finite solution was found.
     pub fn solve(&self, guess: Solution) -> Option<Mode> {
         let layout = self.layout(guess.trajectory.poses.len());
@@ -470,7 +470,7 @@ fn add_triangle(upper: &mut UpperTriangle, own: usize, block: &Matrix3) {
 mod tests {
     use super::*;
     use crate::geometry::Symmetric2;
-    use crate::measurement::RangeBearing;
+    use crate::measurement::{MeasurementModel, RangeBearing};
     use crate::motion::MotionGaussian;
 
     const MODEL: RangeBearing = RangeBearing { range_std_m: 0.2, bearing_std_rad: 0.05 };

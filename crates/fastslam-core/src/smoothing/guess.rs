@@ -3,7 +3,7 @@
 use super::graph::{Graph, Known, Sights, Solution};
 use super::history::{History, Trajectory};
 use crate::geometry::Pose;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 
 /// Gauss–Newton steps for a landmark given the path.
 const STEPS: usize = 2;
@@ -24,7 +24,7 @@ impl Trajectory {
     }
 }
 
-impl<M: MeasurementModel> Graph<'_, M> {
+impl<M: Placing> Graph<'_, M> {
     /// This path, and every landmark where the sightings from it say; those without a sighting stay where they are thought
     /// to be.
     pub fn guess(&self, trajectory: Trajectory, thought: impl Fn(&Sights) -> [f64; 2]) -> Solution {
@@ -63,7 +63,7 @@ mod tests {
     use super::super::graph::by_landmark;
     use super::*;
     use crate::landmark::{Measured, Tail};
-    use crate::measurement::RangeBearing;
+    use crate::measurement::{MeasurementModel, RangeBearing};
     use crate::motion::MotionGaussian;
     use std::cell::Cell;
 

@@ -4,7 +4,7 @@ use crate::belief::Belief;
 use crate::density::{Fit, Tail};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::Gaussian;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::sighting::Measured;
 
 /// Particles that decide together; their columns fit into the first level of cache.
@@ -74,7 +74,7 @@ impl Lanes {
 
     /// How well one sighting fits one candidate in all maps.
     #[inline(always)]
-    pub(super) fn compare<M: MeasurementModel>(
+    pub(super) fn compare<M: Placing>(
         &self,
         width: usize,
         model: &M,
@@ -91,7 +91,7 @@ impl Lanes {
 
     /// [`Lanes::compare`] where all poses are known, so that only the landmark and the sensor are uncertain.
     #[inline(always)]
-    pub(super) fn compare_certain<M: MeasurementModel>(
+    pub(super) fn compare_certain<M: Placing>(
         &self,
         width: usize,
         model: &M,
@@ -109,7 +109,7 @@ impl Lanes {
     /// Compares the sighting that each particle decides with the candidate that stands at `place`, and lets that
     /// compete.
     #[inline(always)]
-    pub(super) fn consider<M: MeasurementModel>(
+    pub(super) fn consider<M: Placing>(
         &self,
         width: usize,
         (model, tail): (&M, Tail),
@@ -129,7 +129,7 @@ impl Lanes {
 
     /// Refines the uncertain beliefs by the sighting where it was accepted as one of the best candidate.
     #[inline(always)]
-    pub(super) fn refine<M: MeasurementModel>(
+    pub(super) fn refine<M: Placing>(
         &mut self,
         width: usize,
         (model, tail): (&M, Tail),

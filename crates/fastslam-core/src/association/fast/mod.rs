@@ -12,7 +12,7 @@ use super::table::{CandidateTable, Decision};
 use crate::density::Tail;
 use crate::geometry::Pose;
 use crate::landmark::column;
-use crate::measurement::MeasurementModel;
+use crate::measurement::Placing;
 use crate::sighting::{Measured, ScanSighting};
 use crate::vector::vectorized;
 pub use lanes::BLOCK;
@@ -89,7 +89,7 @@ pub fn applies(scan: &[ScanSighting]) -> bool {
 /// `first`.
 ///
 /// **Source:** as [`super::decide()`].
-pub fn decide_block<M: MeasurementModel>(
+pub fn decide_block<M: Placing>(
     question: &Question<'_, M>,
     first: usize,
     answers: Answers<'_>,
@@ -122,7 +122,7 @@ struct Block<'a, 'b, M> {
     workspace: &'a mut Workspace,
 }
 
-impl<M: MeasurementModel> Block<'_, '_, M> {
+impl<M: Placing> Block<'_, '_, M> {
     /// Particles, with those that only fill the last vector.
     #[inline(always)]
     fn width(&self) -> usize {

@@ -1,7 +1,7 @@
 //! Measurement models of any size: how many numbers a sighting has, and how many coordinates a landmark.
 
-use super::{Cartesian, MeasurementModel, RangeBearing};
-use crate::geometry::Pose;
+use super::Sensor;
+use crate::geometry::{Pose, Symmetric2};
 use crate::normal::{Cholesky, Matrix, Normal};
 use crate::real::{Dual, Real};
 
@@ -21,21 +21,17 @@ pub struct Component {
 
 /// An expected measurement with its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Derivatives<const Z: usize, const D: usize> {
+pub struct Linearization<const Z: usize, const D: usize> {
     /// Expected measurement.
     pub expected: [f64; Z],
-    /// G_θ: by the landmark's position.
+    /// G_θ: derivative by the landmark's position, in row order.
     pub by_landmark: Matrix<Z, D>,
-    /// G_s: by the sensor's pose (x, y, heading).
+    /// G_s: derivative by the sensor's pose (x, y, heading), in row order.
     pub by_pose: Matrix<Z, 3>,
 }
 
 /// How a sensor sees a point landmark of `D` coordinates in `Z` numbers, which need not say where it is.
-///
-/// [`MeasurementModel`] is for sensors in the plane of which one sighting places a landmark. This is for the others: one
-/// sighting leaves a landmark anywhere on a ring or a ray, which [`births`](Self::births) gives as several Gaussians.
-/// [`crate::testing::check_observation`] is its conformance suite.
-pub trait Observation<const Z: usize, const D: usize>: Send + Sync {
+pub trait MeasurementModel<const Z: usize, const D: usize>: Send + Sync {
     /// g: the measurement that the sensor at `T_world_sensor` should make of a landmark.
     fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; D]) -> [R; Z];
 
@@ -48,21 +44,67 @@ pub trait Observation<const Z: usize, const D: usize>: Send + Sync {
     /// Names, units and configuration keys of the numbers.
     fn components(&self) -> [Component; Z];
 
-    /// Where a landmark may be that was sighted once: Gaussians with their shares, which sum to 1.
-    fn births(&self, T_world_sensor: Pose, measured: [f64; Z], noise: &Matrix<Z, Z>) -> Vec<(f64, Normal<D>)>;
-
-    /// g with its Jacobians, by automatic differentiation unless the model has a closed form.
-    fn differentiate(&self, T_world_sensor: Pose, landmark_in_world: [f64; D]) -> Derivatives<Z, D> {
+    /// g with its Jacobians. By automatic differentiation unless the model has a closed form, which the conformance
+    /// suite checks against it.
+    fn linearize(&self, T_world_sensor: Pose, landmark_in_world: [f64; D]) -> Linearization<Z, D> {
         let values = T_world_sensor.to_array();
         let variable = |i: usize, value: f64| Dual::<VARIABLES>::variable(value, i);
         let pose = Pose::new(variable(0, values[0]), variable(1, values[1]), variable(2, values[2]));
         let landmark = std::array::from_fn(|i| variable(3 + i, landmark_in_world[i]));
         let z = self.expected(pose, landmark);
-        Derivatives {
+        Linearization {
             expected: z.map(|v| v.value),
             by_landmark: z.map(|v| std::array::from_fn(|i| v.gradient[3 + i])),
             by_pose: z.map(|v| std::array::from_fn(|i| v.gradient[i])),
         }
+    }
+}
+
+/// A model that says where a landmark may be that was sighted once.
+///
+/// One sighting may leave it anywhere on a ring or a ray. [`crate::testing::check_measurement_model`] is the conformance
+/// suite.
+pub trait Births<const Z: usize, const D: usize>: MeasurementModel<Z, D> {
+    /// Gaussians with their shares, which sum to 1.
+    fn births(&self, T_world_sensor: Pose, measured: [f64; Z], noise: &Matrix<Z, Z>) -> Vec<(f64, Normal<D>)>;
+}
+
+/// A model in the plane of which one sighting places a landmark: what the filter of most sensors asks.
+///
+/// [`crate::testing::check_placing_model`] is its conformance suite.
+pub trait Placing: MeasurementModel<2, 2> {
+    /// g⁻¹: where the landmark is.
+    fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2];
+
+    /// R as a symmetric matrix.
+    #[inline(always)]
+    fn noise_covariance(&self) -> Symmetric2 {
+        let [[xx, xy], [_, yy]] = self.noise();
+        Symmetric2::new(xx, xy, yy)
+    }
+
+    /// A reported measurement without the sensor's systematic errors; models without such settings leave it as it is.
+    fn corrected(&self, reported: [f64; 2], _sensor: &Sensor) -> [f64; 2] {
+        reported
+    }
+
+    /// Whether the numbers of a measurement can be computed with.
+    fn is_usable(&self, measured: [f64; 2]) -> bool {
+        measured.iter().all(|v| v.is_finite())
+    }
+
+    /// Distance of the landmark from the sensor, metres.
+    fn range(&self, measured: [f64; 2]) -> f64;
+
+    /// Variance of the landmark's position that the noise of one measurement makes, in the worst direction: an upper
+    /// bound, square metres.
+    fn position_variance(&self, measured: [f64; 2], noise: Symmetric2) -> f64;
+}
+
+impl<M: Placing> Births<2, 2> for M {
+    fn births(&self, sensor: Pose, measured: [f64; 2], noise: &Matrix<2, 2>) -> Vec<(f64, Normal<2>)> {
+        let mean = self.inverse(sensor, measured);
+        birth_at(mean, &self.linearize(sensor, mean).by_landmark, noise)
     }
 }
 
@@ -83,43 +125,3 @@ pub fn birth_at<const D: usize>(
     };
     covariance().map(|covariance| (1.0, Normal { mean, covariance })).into_iter().collect()
 }
-
-/// A model of the plane of which one sighting places a landmark.
-macro_rules! placing {
-    ($model:ty, $components:expr) => {
-        impl Observation<2, 2> for $model {
-            fn expected<R: Real>(&self, T_world_sensor: Pose<R>, landmark_in_world: [R; 2]) -> [R; 2] {
-                MeasurementModel::expected(self, T_world_sensor, landmark_in_world)
-            }
-            fn innovation<R: Real>(&self, measured: [R; 2], expected: [R; 2]) -> [R; 2] {
-                MeasurementModel::innovation(self, measured, expected)
-            }
-            fn noise(&self) -> Matrix<2, 2> {
-                let noise = self.noise_covariance();
-                [[noise.xx, noise.xy], [noise.xy, noise.yy]]
-            }
-            fn components(&self) -> [Component; 2] {
-                $components
-            }
-            fn births(&self, sensor: Pose, measured: [f64; 2], noise: &Matrix<2, 2>) -> Vec<(f64, Normal<2>)> {
-                let mean = self.inverse(sensor, measured);
-                birth_at(mean, &self.linearize(sensor, mean).by_landmark, noise)
-            }
-        }
-    };
-}
-
-placing!(
-    RangeBearing,
-    [
-        Component { name: "range", unit: "m", noise_key: "range_std_m" },
-        Component { name: "bearing", unit: "rad", noise_key: "bearing_std_rad" },
-    ]
-);
-placing!(
-    Cartesian,
-    [
-        Component { name: "x", unit: "m", noise_key: "position_std_m" },
-        Component { name: "y", unit: "m", noise_key: "position_std_m" },
-    ]
-);
