@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Measures the Rust crates: rooms, large structs, long functions, circles of files, copied lines.
+"""Measures the Rust crates: rooms, large structs, long functions, many parameters, circles of files, copies.
 
     python3 scripts/structure.py              # a table
-    python3 scripts/structure.py --check      # fails on a circle of files, a large struct, a long function
+    python3 scripts/structure.py --check      # fails on a circle of files, a large struct, a long function,
+                                              or one of many parameters
 
 A room is a file or a folder at the top of a crate's `src/`. Tests are left out: files named `tests.rs`,
 and everything under `#[cfg(test)]`. A file depends on another when it names something that is defined there,
@@ -23,6 +24,8 @@ from pathlib import Path
 
 MOST_FIELDS = 12
 MOST_LINES = 40
+MOST_PARAMETERS = 5
+"""Of a function, `self` apart; a tuple counts as its parts. What Python calls by keywords may have more."""
 _FLAT = (
     "each field is a key of configuration files that stands there without a section; serde does not support "
     "`flatten` together with `deny_unknown_fields`, whose errors list the keys there are"
@@ -224,6 +227,43 @@ def functions(code: str) -> Iterator[tuple[str, int]]:
         yield found.group(1), code[found.start() : closing(code, brace) + 1].count("\n") + 1
 
 
+def split_at_commas(text: str) -> list[str]:
+    """The parts of a list of parameters or types."""
+    parts, depth, begin = [], 0, 0
+    for at, character in enumerate(text + ","):
+        arrow = character == ">" and text[at - 1 : at] in ("-", "=")
+        if not arrow:
+            depth += (character in "([<{") - (character in ")]>}")
+        if character == "," and depth == 0:
+            parts.append(text[begin:at].strip())
+            begin = at + 1
+    return [part for part in parts if part]
+
+
+def parameters(code: str) -> Iterator[tuple[str, int]]:
+    """Names of functions with the number of their parameters, those that Python calls apart."""
+    for found in FUNCTION.finditer(code):
+        before = max(code.rfind(mark, 0, found.start()) for mark in "};")
+        attributes = code[before + 1 : found.start()]
+        start = code.find("(", found.end())
+        # Bounds of generic parameters may have parentheses, which follow a name or `Fn`.
+        while (head := code[found.end() : start]).count("<") > len(re.findall(r"(?<![-=])>", head)):
+            start = code.find("(", start + 1)
+        if "#[pyfunction]" in attributes:
+            continue
+        depth, end = 1, start + 1
+        while depth:
+            depth += {"(": 1, ")": -1}.get(code[end], 0)
+            end += 1
+        count = 0
+        for parameter in split_at_commas(code[start + 1 : end - 1]):
+            name, _, kind = (part.strip() for part in parameter.partition(": "))
+            if kind or not re.search(r"\bself$", name):
+                inside = re.fullmatch(r"\((.*)\)", kind, re.DOTALL)
+                count += len(split_at_commas(inside.group(1))) if inside else 1
+        yield found.group(1), count
+
+
 def copied_lines(sources: list[Source]) -> int:
     """Lines of code in a run of at least `COPIED_LINES` that occurs elsewhere as well; imports apart."""
     places: dict[tuple[str, ...], list[tuple[Path, int]]] = defaultdict(list)
@@ -262,9 +302,11 @@ def report(source_folder: Path) -> int:
     for reason in sorted({EXCEPTIONS[name] for _, name, _ in excused}):
         print(f"      {reason}")
     show(f"functions of more than {MOST_LINES} lines", long, source_folder)
+    many = many_parameters(sources)
+    show(f"functions of more than {MOST_PARAMETERS} parameters, tuples taken apart", many, source_folder)
     found = show_circles(sources, source_folder)
     print(f"\n  copied lines (in runs of {COPIED_LINES} or more): {copied_lines(sources)}\n")
-    return found + len(large) + len(long)
+    return found + len(large) + len(long) + len(many)
 
 
 def large_structs(sources: list[Source]) -> list[tuple[int, str, Path]]:
@@ -284,6 +326,11 @@ def _structs(sources: list[Source]) -> list[tuple[int, str, Path]]:
 def long_functions(sources: list[Source]) -> list[tuple[int, str, Path]]:
     """Functions of more than `MOST_LINES` lines: lines, name, file."""
     return [(n, name, s.path) for s in sources for name, n in functions(s.code) if n > MOST_LINES]
+
+
+def many_parameters(sources: list[Source]) -> list[tuple[int, str, Path]]:
+    """Functions of more than `MOST_PARAMETERS` parameters: parameters, name, file."""
+    return [(n, name, s.path) for s in sources for name, n in parameters(s.code) if n > MOST_PARAMETERS]
 
 
 def show_circles(sources: list[Source], source_folder: Path) -> int:
@@ -322,7 +369,10 @@ def main() -> int:
             parser.error(f"no crate {crate}: {folder} is no folder")
         found += report(folder)
     if arguments.check and found:
-        print(f"{found} circles of files, large structs and long functions", file=sys.stderr)
+        print(
+            f"{found} circles, large structs, long functions and ones of many parameters",
+            file=sys.stderr,
+        )
         return 1
     return 0
 

@@ -63,6 +63,18 @@ def test_fields_and_lines_are_counted_without_comments_and_strings(structure: Mo
     assert list(structure.functions(code)) == [("some", 3)]
 
 
+def test_parameters_are_counted_with_the_parts_of_tuples(structure: ModuleType) -> None:
+    code = (
+        "fn plain(&self, a: [f64; 2], b: &dyn Fn(usize) -> (u8, u8)) {}\n"
+        "fn packed((a, b): (usize, &[Vec<u32>]), at: ([f64; 2], f64), c: Option<(u8, u8)>) {}\n"
+        "fn bound<F: Fn(u8, u8) -> bool, const N: usize>(mut self, f: F, g: impl Fn(u8, u8) -> u8) {}\n"
+        "fn none() {}\n#[pyfunction]\n#[pyo3(signature = (a, b=None))]\nfn python(a: u8, b: u8) {}\n"
+        "trait T { fn open(&mut self, a: u8) -> u8; }\n"
+    )
+    found = [("plain", 2), ("packed", 5), ("bound", 2), ("none", 0), ("open", 1)]
+    assert list(structure.parameters(code)) == found
+
+
 def test_what_is_too_large_is_found_unless_there_is_a_reason(structure: ModuleType, tmp_path: Path) -> None:
     many = ", ".join(f"f{i}: u8" for i in range(structure.MOST_FIELDS + 1))
     lines = "    let _ = 1;\n" * (structure.MOST_LINES - 1)
@@ -83,6 +95,7 @@ def test_structs_and_functions_are_within_the_limits(structure: ModuleType) -> N
         files += len(sources)
         assert not structure.large_structs(sources)
         assert not structure.long_functions(sources)
+        assert not structure.many_parameters(sources)
         excused.update(name for _, name, _ in structure.excused_structs(sources))
     assert files > 80, f"{files} files"
     assert excused == set(structure.EXCEPTIONS), "an exception that nothing needs goes"

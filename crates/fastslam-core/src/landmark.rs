@@ -127,15 +127,8 @@ pub fn first_sighting<M: Placing>(model: &M, T_world_sensor: Pose, measured: [f6
 /// Corrects a landmark in all maps (those in `mask`), adding one to its sightings, and adds the log-likelihood of the
 /// sighting before the correction to `log_likelihood`. Returns how many landmarks were repaired: where rounding has made
 /// the covariance indefinite, the landmark is as it was before the sighting.
-pub fn correct_rows<M: Placing>(
-    model: &M,
-    poses: &SensorPoses,
-    measured: Measured,
-    rows: RowsMut<'_>,
-    mask: Option<&[bool]>,
-    log_likelihood: &mut [f64],
-) -> u32 {
-    Correction { model, poses, measured, mask }.apply(0, rows.columns(), log_likelihood)
+pub fn correct_rows<M: Placing>(correction: &Correction<'_, M>, rows: RowsMut<'_>, log_likelihood: &mut [f64]) -> u32 {
+    correction.apply(0, rows.columns(), log_likelihood)
 }
 
 /// A sighting that corrects a landmark.
@@ -207,14 +200,8 @@ impl<M: Placing> Correction<'_, M> {
 }
 
 /// The rows of a new landmark in all maps (those in `mask`; absent in the others), columns one after the other.
-pub fn first_rows<M: Placing>(
-    model: &M,
-    poses: &SensorPoses,
-    measured: Measured,
-    mask: Option<&[bool]>,
-    columns: usize,
-    values: &mut Vec<f64>,
-) {
+pub fn first_rows<M: Placing>(first: &Correction<'_, M>, columns: usize, values: &mut Vec<f64>) {
+    let Correction { model, poses, measured, mask } = *first;
     let n = poses.x.len();
     values.clear();
     values.resize(columns * n, 0.0);
@@ -293,16 +280,19 @@ mod tests {
         let noise = MODEL.noise_covariance();
         let measured = Measured { value: [4.0, 0.2], noise, tail: Tail::Gaussian };
         let mut rows = Vec::new();
-        first_rows(&MODEL, &poses, measured, Some(&[true, true, false]), column::COUNT, &mut rows);
+        let mask = Some(&[true, true, false][..]);
+        first_rows(&Correction { model: &MODEL, poses: &poses, measured, mask }, column::COUNT, &mut rows);
         let before = rows.clone();
         // A sighting without any noise leaves nothing of the covariance.
         let exact = Measured { value: [4.1, 0.21], noise: noise.scaled(0.0), tail: Tail::Gaussian };
         let mut log_likelihood = [0.0; 3];
-        let repaired = correct_rows(&MODEL, &poses, exact, RowsMut::new(&mut rows, 3), None, &mut log_likelihood);
+        let correction = |measured| Correction { model: &MODEL, poses: &poses, measured, mask: None };
+        let repaired = correct_rows(&correction(exact), RowsMut::new(&mut rows, 3), &mut log_likelihood);
         assert_eq!(repaired, 2);
         assert_eq!(rows[3..], before[3..]);
         assert_eq!(rows[..3], [2.0, 2.0, 0.0]);
-        assert_eq!(correct_rows(&MODEL, &poses, measured, RowsMut::new(&mut rows, 3), None, &mut log_likelihood), 0);
+        let again = correct_rows(&correction(measured), RowsMut::new(&mut rows, 3), &mut log_likelihood);
+        assert_eq!(again, 0);
     }
 
     #[test]

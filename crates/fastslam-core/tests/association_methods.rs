@@ -1,8 +1,8 @@
 //! Each method of association against enumeration of all explanations of a scan.
 
 use fastslam_core::association::{
-    assign, decide_assignment, decide_joint, decide_sampled, Appearance, Belief, CandidateTable, Decision, FitTable,
-    Hypothesis, ParticleHypothesis, Rules, ScanSighting, Scratch, MOST_JOINT,
+    assign, decide_assignment, decide_joint, decide_sampled, Appearance, Belief, CandidateTable, Candidates, Decision,
+    FitTable, Hypothesis, ParticleHypothesis, Rules, Sampler, ScanSighting, Scratch, MOST_JOINT,
 };
 use fastslam_core::config::{Config, Method};
 use fastslam_core::geometry::{Pose, Symmetric2};
@@ -62,6 +62,10 @@ impl Scene {
             refined: None,
         };
         decide(&mut hypothesis)
+    }
+
+    fn candidates(&self) -> Candidates<'_> {
+        Candidates { scan: &self.scan, of_sighting: &self.of_sighting }
     }
 
     /// ln N and the squared joint distance of a set of pairs (sighting, landmark), stacked.
@@ -150,8 +154,8 @@ fn draws_follow_the_posterior_over_all_explanations_and_weights_sum_to_the_evide
         let mut decisions = [Decision::Ignored; 2];
         let log_weight = scene.with(|hypothesis| {
             let draw = |j: usize| stream.uniform(i, j as u32);
-            let parts = (scene.scan.as_slice(), scene.of_sighting.as_slice());
-            decide_sampled(&rules, parts, hypothesis, &mut Scratch::default(), draw, &mut decisions)
+            let sampler = Sampler { rules: &rules, draw };
+            decide_sampled(&sampler, scene.candidates(), hypothesis, &mut Scratch::default(), &mut decisions)
         });
         let explanation = as_explanation(&decisions);
         let place = explanations.iter().position(|e| *e == explanation).unwrap();
@@ -178,8 +182,8 @@ fn one_sampled_sighting_has_the_sum_of_likelihoods_as_its_weight() {
     let decide = |uniform: f64| {
         let mut decisions = [Decision::Ignored];
         let log_weight = scene.with(|hypothesis| {
-            let parts = (scene.scan.as_slice(), scene.of_sighting.as_slice());
-            decide_sampled(&rules, parts, hypothesis, &mut Scratch::default(), |_| uniform, &mut decisions)
+            let sampler = Sampler { rules: &rules, draw: |_| uniform };
+            decide_sampled(&sampler, scene.candidates(), hypothesis, &mut Scratch::default(), &mut decisions)
         });
         assert!((log_weight - total.ln()).abs() < 1e-12, "{log_weight}");
         decisions[0]
@@ -206,7 +210,7 @@ fn together_two_sightings_are_right_where_each_alone_is_wrong() {
     let mut decisions = [Decision::Ignored; 2];
     let outcome = scene.with(|hypothesis| {
         let rules = rules(Method::Joint, 1e-3);
-        decide_joint(&rules, &scene.scan, &scene.of_sighting, hypothesis, &mut Scratch::default(), &mut decisions)
+        decide_joint(&rules, scene.candidates(), hypothesis, &mut Scratch::default(), &mut decisions)
     });
     assert_eq!(decisions, right);
     assert!((outcome.log_weight - scene.joint(&[(0, 0), (1, 1)]).0).abs() < 1e-9 && !outcome.fell_back);
@@ -214,7 +218,7 @@ fn together_two_sightings_are_right_where_each_alone_is_wrong() {
     let log_weight = scene.with(|hypothesis| {
         let rules = rules(Method::Assignment, 1e-3);
         let mut scratch = Scratch::default();
-        decide_assignment(&rules, &scene.scan, &scene.of_sighting, hypothesis, &mut scratch, &mut decisions)
+        decide_assignment(&rules, scene.candidates(), hypothesis, &mut scratch, &mut decisions)
     });
     assert_eq!(decisions, right);
     assert!((log_weight - scene.joint(&[(0, 0), (1, 1)]).0).abs() < 1e-9);
@@ -228,7 +232,7 @@ fn a_scan_too_large_for_joint_compatibility_is_decided_one_by_one_and_says_so() 
         let mut decisions = vec![Decision::Ignored; landmarks.len()];
         let outcome = scene.with(|hypothesis| {
             let rules = rules(Method::Joint, 1e-3);
-            decide_joint(&rules, &scene.scan, &scene.of_sighting, hypothesis, &mut Scratch::default(), &mut decisions)
+            decide_joint(&rules, scene.candidates(), hypothesis, &mut Scratch::default(), &mut decisions)
         });
         assert_eq!(outcome.fell_back, fell_back);
         let right: Vec<_> = (0..landmarks.len() as u32).map(Decision::Landmark).collect();
@@ -283,7 +287,7 @@ proptest! {
         let mut decisions = vec![Decision::Ignored; seen.len()];
         let log_weight = scene.with(|hypothesis| {
             let mut scratch = Scratch::default();
-            decide_assignment(&rules, &scene.scan, &scene.of_sighting, hypothesis, &mut scratch, &mut decisions)
+            decide_assignment(&rules, scene.candidates(), hypothesis, &mut scratch, &mut decisions)
         });
         prop_assert!((log_weight - best).abs() < 1e-9, "{} against {}", log_weight, best);
     }
@@ -302,7 +306,7 @@ proptest! {
         // pair within its own gate given those before it. The search's order is that of its own scratch.
         let mut scratch = Scratch::default();
         let mut decisions = vec![Decision::Ignored; seen.len()];
-        let outcome = scene.with(|h| decide_joint(&rules, &scene.scan, &scene.of_sighting, h, &mut scratch, &mut decisions));
+        let outcome = scene.with(|h| decide_joint(&rules, scene.candidates(), h, &mut scratch, &mut decisions));
         prop_assert!(!outcome.fell_back);
         let found = pairs_of(&as_explanation(&decisions));
         prop_assert!(compatible(&found));

@@ -4,7 +4,7 @@ use crate::sensor::{self, Sensor};
 use crate::view::{map_to_dict, View};
 use crate::{arrays, config, given, noise, step};
 use fastslam_core::config::Config;
-use fastslam_core::run::{run_with, Observer, RunOutput, StepRecord};
+use fastslam_core::run::{run_with, Observer, RunOutput, StepRecord, Task};
 use fastslam_core::stream::Stream;
 use fastslam_core::timeline::LogData;
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -163,10 +163,10 @@ pub fn run<'py>(
     watch: Option<Py<PyAny>>,
     sensor: Option<Sensor>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (config, beginning) = (config::parse(config_json)?, given::beginning(map, start)?);
+    let (config, beginning) = (&config::parse(config_json)?, &given::beginning(map, start)?);
     let looks = arrays::Looks { class_index, signature };
     let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref(), &looks)?;
-    let log = LogData {
+    let log = &LogData {
         control_stamps_s: control_stamps_s.as_array().to_vec(),
         controls: arrays::controls(&controls)?,
         control_covariances: arrays::control_covariances(control_covariance.as_ref())?,
@@ -177,9 +177,9 @@ pub fn run<'py>(
     let total = log.step_bound(config.filter.path_period_s);
     let mut observer = Progress::new(total, progress, checkpoints, watch.map(Watch::new));
     let make = |config, identities| sensor::make(sensor.as_ref(), config, identities);
-    let output = py.detach(|| run_with(&make, (&config, &log, &beginning), resume, &mut observer));
+    let output = py.detach(|| run_with(&make, Task { config, log, beginning }, resume, &mut observer));
     let output = sensor::answer(sensor.as_ref(), output)?;
-    observer.raise(py).and_then(|()| to_dict(py, &output, &config))
+    observer.raise(py).and_then(|()| to_dict(py, &output, config))
 }
 
 /// The columns of a run by name.

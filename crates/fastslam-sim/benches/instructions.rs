@@ -10,7 +10,7 @@
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::geometry::Symmetric2;
-use fastslam_core::landmark::{column, correct_rows, Measured, SensorPoses, Tail};
+use fastslam_core::landmark::{column, correct_rows, Correction, Measured, SensorPoses, Tail};
 use fastslam_core::measurement::{Placing, RangeBearing};
 use fastslam_core::motion::{Motion, Velocity};
 use fastslam_core::store::RowsMut;
@@ -63,7 +63,7 @@ fn correct(repetitions: u32) {
     let mut log_likelihood = vec![0.0; PARTICLES];
     for _ in 0..repetitions * SCAN {
         let rows = RowsMut::new(black_box(&mut values), PARTICLES);
-        correct_rows(&model, &poses, measured, rows, None, &mut log_likelihood);
+        correct_rows(&Correction { model: &model, poses: &poses, measured, mask: None }, rows, &mut log_likelihood);
     }
     black_box(log_likelihood);
 }

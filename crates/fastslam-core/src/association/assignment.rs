@@ -4,12 +4,11 @@
 //! map lacks. Where a detection probability is known, the likelihoods hold the odds of seeing the landmark over missing
 //! it, so that the cost of a miss is counted as well.
 
-use super::choice::{best_choice, Scratch};
+use super::choice::{best_choice, Candidates, Scratch};
 use super::hypothesis::Hypothesis;
 use super::rules::Rules;
 use super::table::Decision;
 use crate::density::Fit;
-use crate::sighting::ScanSighting;
 
 /// The cost of what is impossible: finite, so that sums stay numbers.
 const IMPOSSIBLE: f64 = 1e12;
@@ -116,7 +115,7 @@ struct Round {
 impl Round {
     fn new<H: Hypothesis>(
         rules: &Rules,
-        (scan, of_sighting): (&[ScanSighting], &[Vec<u32>]),
+        Candidates { scan, of_sighting }: Candidates<'_>,
         hypothesis: &H,
         used: &[u32],
         sightings: Vec<usize>,
@@ -170,8 +169,7 @@ impl Round {
 /// assigned anew with it. What is left over shows no landmark of the map.
 pub fn decide_assignment<H: Hypothesis>(
     rules: &Rules,
-    scan: &[ScanSighting],
-    of_sighting: &[Vec<u32>],
+    among: Candidates<'_>,
     hypothesis: &mut H,
     scratch: &mut Scratch,
     decisions: &mut [Decision],
@@ -179,13 +177,12 @@ pub fn decide_assignment<H: Hypothesis>(
     scratch.used.clear();
     let mut deciding = Deciding {
         rules,
-        scan,
-        of_sighting,
+        among,
         hypothesis,
         used: &mut scratch.used,
         decisions,
         log_density: 0.0,
-        left: (0..scan.len()).filter(|j| scan[*j].identity.is_none()).collect(),
+        left: (0..among.scan.len()).filter(|j| among.scan[*j].identity.is_none()).collect(),
     };
     deciding.decide_named();
     while deciding.assign_some() {}
@@ -196,8 +193,7 @@ pub fn decide_assignment<H: Hypothesis>(
 /// What is decided so far.
 struct Deciding<'a, H> {
     rules: &'a Rules,
-    scan: &'a [ScanSighting],
-    of_sighting: &'a [Vec<u32>],
+    among: Candidates<'a>,
     hypothesis: &'a mut H,
     /// Candidates that explain a sighting already.
     used: &'a mut Vec<u32>,
@@ -210,10 +206,10 @@ struct Deciding<'a, H> {
 impl<H: Hypothesis> Deciding<'_, H> {
     /// Those of which somebody says what they show.
     fn decide_named(&mut self) {
-        for index in (0..self.scan.len()).filter(|j| self.scan[*j].identity.is_some()) {
+        for index in (0..self.among.scan.len()).filter(|j| self.among.scan[*j].identity.is_some()) {
             let (decision, density) = self.likeliest(index);
             if let Decision::Landmark(candidate) = decision {
-                self.hypothesis.accept(candidate, &self.scan[index]);
+                self.hypothesis.accept(candidate, &self.among.scan[index]);
                 self.used.push(candidate);
             }
             self.decisions[index] = decision;
@@ -225,7 +221,7 @@ impl<H: Hypothesis> Deciding<'_, H> {
     /// go on.
     fn assign_some(&mut self) -> bool {
         let sightings = std::mem::take(&mut self.left);
-        let round = Round::new(self.rules, (self.scan, self.of_sighting), self.hypothesis, self.used, sightings);
+        let round = Round::new(self.rules, self.among, self.hypothesis, self.used, sightings);
         let pairs = round.pairs();
         // Nothing that is decided can change the rest when the pose is known.
         let certain = self.hypothesis.pose_is_certain();
@@ -233,7 +229,7 @@ impl<H: Hypothesis> Deciding<'_, H> {
         self.left = round.sightings.clone();
         for &(row, candidate, density, _) in &pairs[..take] {
             let index = round.sightings[row];
-            self.hypothesis.accept(candidate, &self.scan[index]);
+            self.hypothesis.accept(candidate, &self.among.scan[index]);
             self.used.push(candidate);
             self.decisions[index] = Decision::Landmark(candidate);
             self.log_density += density;
@@ -254,7 +250,6 @@ impl<H: Hypothesis> Deciding<'_, H> {
     }
 
     fn likeliest(&self, index: usize) -> (Decision, f64) {
-        let candidates = &self.of_sighting[index];
-        best_choice(self.rules, (index, &self.scan[index]), candidates, self.hypothesis, self.used).decision(self.rules)
+        best_choice(self.rules, self.among, index, self.hypothesis, self.used).decision(self.rules)
     }
 }

@@ -16,6 +16,15 @@ pub struct Scratch {
     pub(super) weights: Vec<f64>,
 }
 
+/// A scan, and for each of its sightings the candidates: landmarks that it may show.
+#[derive(Clone, Copy, Debug)]
+pub struct Candidates<'a> {
+    /// What was seen.
+    pub scan: &'a [ScanSighting],
+    /// Numbers of candidates by sighting.
+    pub of_sighting: &'a [Vec<u32>],
+}
+
 /// The best explanation of a sighting that is still undecided.
 #[derive(Clone, Copy)]
 pub(super) struct Choice {
@@ -52,16 +61,16 @@ impl Choice {
 /// nothing that the logs show.
 pub(super) fn order_decisions<H: Hypothesis>(
     rules: &Rules,
-    scan: &[ScanSighting],
-    of_sighting: &[Vec<u32>],
+    among: Candidates<'_>,
     hypothesis: &H,
     scratch: &mut Scratch,
 ) {
+    let scan = among.scan;
     let Scratch { order, margins, .. } = scratch;
     order.clear();
     order.extend(0..scan.len());
     if rules.order == AssociationOrder::LeastAmbiguousFirst && !hypothesis.pose_is_certain() {
-        let margin = |j: &usize| best_choice(rules, (*j, &scan[*j]), &of_sighting[*j], hypothesis, &[]).margin;
+        let margin = |j: &usize| best_choice(rules, among, *j, hypothesis, &[]).margin;
         margins.clear();
         margins.extend(order.iter().map(margin));
         order.sort_by(|a, b| margins[*b].total_cmp(&margins[*a]));
@@ -71,14 +80,15 @@ pub(super) fn order_decisions<H: Hypothesis>(
     }
 }
 
-/// The likeliest landmark of a sighting under one hypothesis. Ties go to the older landmark.
+/// The likeliest landmark of the sighting `index` under one hypothesis. Ties go to the older landmark.
 pub(super) fn best_choice<H: Hypothesis>(
     rules: &Rules,
-    (index, sighting): (usize, &ScanSighting),
-    candidates: &[u32],
+    among: Candidates<'_>,
+    index: usize,
     hypothesis: &H,
     used: &[u32],
 ) -> Choice {
+    let (sighting, candidates) = (&among.scan[index], &among.of_sighting[index]);
     let wanted = sighting.identity.map(|identity| f64::from(identity) + 1.0);
     let mut best: Option<(u32, Fit)> = None;
     let mut second = rules.log_unexplained_density;

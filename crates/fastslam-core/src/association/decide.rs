@@ -1,11 +1,10 @@
 //! The decision of one particle about one scan: the likeliest landmark of each sighting, one after the other.
 
-use super::choice::{best_choice, order_decisions, Scratch};
+use super::choice::{best_choice, order_decisions, Candidates, Scratch};
 use super::hypothesis::Hypothesis;
 use super::rules::Rules;
 use super::settings::Exclusion;
 use super::table::Decision;
-use crate::sighting::ScanSighting;
 
 /// Outcome of a scan for one hypothesis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -22,21 +21,20 @@ pub struct Outcome {
 /// likely than the threshold.
 pub fn decide<H: Hypothesis>(
     rules: &Rules,
-    scan: &[ScanSighting],
-    of_sighting: &[Vec<u32>],
+    among: Candidates<'_>,
     hypothesis: &mut H,
     scratch: &mut Scratch,
     decisions: &mut [Decision],
 ) -> f64 {
     let mut log_weight = 0.0;
-    order_decisions(rules, scan, of_sighting, hypothesis, scratch);
+    order_decisions(rules, among, hypothesis, scratch);
     let Scratch { used, order, .. } = scratch;
     used.clear();
     for &mut index in order {
-        let choice = best_choice(rules, (index, &scan[index]), &of_sighting[index], hypothesis, used);
+        let choice = best_choice(rules, among, index, hypothesis, used);
         let (decision, log_density) = choice.decision(rules);
         if let Decision::Landmark(candidate) = decision {
-            hypothesis.accept(candidate, &scan[index]);
+            hypothesis.accept(candidate, &among.scan[index]);
             if rules.exclusion == Exclusion::OneSighting {
                 used.push(candidate);
             }

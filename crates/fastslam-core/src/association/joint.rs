@@ -4,12 +4,11 @@
 //! distances taken one after the other, each with the pose refined by those before it, because the landmarks are
 //! independent given the pose. A node of the search thus costs one refinement, whatever its depth.
 
-use super::choice::{best_choice, order_decisions, Scratch};
+use super::choice::{best_choice, order_decisions, Candidates, Scratch};
 use super::decide::{decide, Outcome};
 use super::hypothesis::Hypothesis;
 use super::rules::{Rules, MOST_JOINT};
 use super::table::Decision;
-use crate::sighting::ScanSighting;
 
 /// So many nodes are searched before the scan is decided one by one.
 const MOST_NODES: u32 = 2_000;
@@ -17,8 +16,7 @@ const MOST_NODES: u32 = 2_000;
 /// What is searched, and the best set found so far.
 struct Search<'a> {
     rules: &'a Rules,
-    scan: &'a [ScanSighting],
-    of_sighting: &'a [Vec<u32>],
+    among: Candidates<'a>,
     /// The sightings with candidates, in the order of the search.
     order: Vec<usize>,
     /// For every sighting in the order, the place of its candidate among those of the sighting, or none.
@@ -47,7 +45,7 @@ impl Search<'_> {
         };
         for (candidate_distance, place) in self.compatible(hypothesis, index, pairs, distance) {
             let mut child = hypothesis.clone();
-            child.accept(self.of_sighting[index][place], &self.scan[index]);
+            child.accept(self.among.of_sighting[index][place], &self.among.scan[index]);
             self.chosen[depth] = Some(place);
             if !self.descend(&child, depth + 1, pairs + 1, distance + candidate_distance) {
                 return false;
@@ -68,11 +66,13 @@ impl Search<'_> {
         let gate = self.rules.joint_gates[pairs + 1];
         let taken = |candidate: u32| {
             let mut before = self.order.iter().zip(&self.chosen);
-            before.any(|(j, place)| place.is_some_and(|place| self.of_sighting[*j][place] == candidate))
+            before.any(|(j, place)| place.is_some_and(|place| self.among.of_sighting[*j][place] == candidate))
         };
         let mut found: Vec<(f64, usize)> = Vec::new();
-        for (place, &candidate) in self.of_sighting[index].iter().enumerate() {
-            let Some(fit) = hypothesis.fit([index, place], candidate, &self.scan[index].measured) else { continue };
+        for (place, &candidate) in self.among.of_sighting[index].iter().enumerate() {
+            let Some(fit) = hypothesis.fit([index, place], candidate, &self.among.scan[index].measured) else {
+                continue;
+            };
             let near =
                 distance + fit.mahalanobis_squared <= gate && fit.log_likelihood >= self.rules.log_unexplained_density;
             if near && fit.mahalanobis_squared <= self.rules.gate && !taken(candidate) {
@@ -89,23 +89,21 @@ impl Search<'_> {
 /// Sightings with an identity and scans that are too large are decided one by one.
 pub fn decide_joint<H: Hypothesis + Clone>(
     rules: &Rules,
-    scan: &[ScanSighting],
-    of_sighting: &[Vec<u32>],
+    among: Candidates<'_>,
     hypothesis: &mut H,
     scratch: &mut Scratch,
     decisions: &mut [Decision],
 ) -> Outcome {
-    order_decisions(rules, scan, of_sighting, hypothesis, scratch);
+    order_decisions(rules, among, hypothesis, scratch);
     let individually = |j: &usize| {
-        let choice = best_choice(rules, (*j, &scan[*j]), &of_sighting[*j], hypothesis, &[]);
+        let choice = best_choice(rules, among, *j, hypothesis, &[]);
         matches!(choice.decision(rules).0, Decision::Landmark(_))
     };
     let order: Vec<usize> = scratch.order.iter().copied().filter(individually).collect();
     let chosen = vec![None; order.len()];
     let mut search = Search {
         rules,
-        scan,
-        of_sighting,
+        among,
         chosen: chosen.clone(),
         best: chosen,
         order,
@@ -113,24 +111,25 @@ pub fn decide_joint<H: Hypothesis + Clone>(
         best_distance: f64::INFINITY,
         nodes: 0,
     };
-    let named = scan.iter().any(|sighting| sighting.identity.is_some());
+    let named = among.scan.iter().any(|sighting| sighting.identity.is_some());
     if named || search.order.len() > MOST_JOINT || !search.descend(hypothesis, 0, 0, 0.0) {
-        let log_weight = decide(rules, scan, of_sighting, hypothesis, scratch, decisions);
+        let log_weight = decide(rules, among, hypothesis, scratch, decisions);
         return Outcome { log_weight, fell_back: !named };
     }
     let pairs = search.order.iter().copied().zip(search.best.iter().copied()).collect::<Vec<_>>();
-    let log_weight = settle(rules, (scan, of_sighting), hypothesis, &pairs, decisions);
+    let log_weight = settle(rules, among, hypothesis, &pairs, decisions);
     Outcome { log_weight, fell_back: false }
 }
 
 /// Accepts the chosen pairs and calls every other sighting new when it fits nothing that is left, else ignores it.
 fn settle<H: Hypothesis>(
     rules: &Rules,
-    (scan, of_sighting): (&[ScanSighting], &[Vec<u32>]),
+    among: Candidates<'_>,
     hypothesis: &mut H,
     pairs: &[(usize, Option<usize>)],
     decisions: &mut [Decision],
 ) -> f64 {
+    let Candidates { scan, of_sighting } = among;
     let mut log_density = 0.0;
     let mut used = Vec::with_capacity(pairs.len());
     for &(index, place) in pairs {
@@ -144,7 +143,7 @@ fn settle<H: Hypothesis>(
     }
     let paired = |index: usize| pairs.iter().any(|(j, place)| *j == index && place.is_some());
     for index in (0..scan.len()).filter(|j| !paired(*j)) {
-        let choice = best_choice(rules, (index, &scan[index]), &of_sighting[index], hypothesis, &used);
+        let choice = best_choice(rules, among, index, hypothesis, &used);
         decisions[index] = match choice.decision(rules).0 {
             Decision::New => Decision::New,
             _ => Decision::Ignored,

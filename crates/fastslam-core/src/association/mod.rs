@@ -18,13 +18,13 @@ pub use crate::belief::Belief;
 pub use crate::sighting::{Appearance, ScanSighting};
 pub use ambiguity::{area_m2, disagreement_m2, GATE};
 pub use assignment::{assign, decide_assignment};
-pub use choice::Scratch;
+pub use choice::{Candidates, Scratch};
 pub use decide::{decide, Outcome};
 pub use grid::{Box2, Grid};
 pub use hypothesis::{Hypothesis, ParticleHypothesis};
 pub use joint::decide_joint;
 pub use rules::{joint_gates, Rules, MOST_JOINT};
-pub use sampled::decide_sampled;
+pub use sampled::{decide_sampled, Sampler};
 pub use settings::{
     AssociationConfig, AssociationMode, AssociationOrder, Classes, Exclusion, ExistenceConfig, ExistenceForm,
     Identities, Merging, MergingRule, Method, Removal, Signatures,

@@ -4,45 +4,48 @@
 //! weight is the sum of the likelihoods of all explanations that were left, not the likelihood of the drawn one: draw
 //! and weight together target the posterior over associations (`algorithms`: the normaliser of the proposal).
 
-use super::choice::{best_choice, order_decisions, Scratch};
+use super::choice::{best_choice, order_decisions, Candidates, Scratch};
 use super::hypothesis::Hypothesis;
 use super::rules::Rules;
 use super::settings::Exclusion;
 use super::table::Decision;
 use crate::math;
-use crate::sighting::ScanSighting;
+
+/// The rules, and chance: `draw(j)` is a uniform number in (0, 1) for sighting j.
+pub struct Sampler<'a, F> {
+    /// Of any decision.
+    pub rules: &'a Rules,
+    /// Uniform numbers.
+    pub draw: F,
+}
 
 /// Draws the explanation of every sighting of a scan for one hypothesis and returns the log-weight, tempered.
 ///
-/// `draw(j)` is a uniform number in (0, 1) for sighting j. The least ambiguous sighting comes first (see
-/// [`super::AssociationOrder`]), and each refines the pose for the next.
+/// The least ambiguous sighting comes first (see [`super::AssociationOrder`]), and each refines the pose for the next.
 pub fn decide_sampled<H: Hypothesis>(
-    rules: &Rules,
-    (scan, of_sighting): (&[ScanSighting], &[Vec<u32>]),
+    Sampler { rules, draw }: &Sampler<'_, impl Fn(usize) -> f64>,
+    among: Candidates<'_>,
     hypothesis: &mut H,
     scratch: &mut Scratch,
-    draw: impl Fn(usize) -> f64,
     decisions: &mut [Decision],
 ) -> f64 {
     let mut log_weight = 0.0;
-    order_decisions(rules, scan, of_sighting, hypothesis, scratch);
-    let Scratch { used, order, weights, .. } = scratch;
-    used.clear();
-    for &mut index in order {
-        let sighting = &scan[index];
-        let choice = best_choice(rules, (index, sighting), &of_sighting[index], hypothesis, used);
+    order_decisions(rules, among, hypothesis, scratch);
+    scratch.used.clear();
+    for place in 0..scratch.order.len() {
+        let index = scratch.order[place];
+        let sighting = &among.scan[index];
         let (decision, log_density) = if sighting.identity.is_some() {
-            choice.decision(rules)
+            best_choice(rules, among, index, hypothesis, &scratch.used).decision(rules)
         } else {
-            let highest = choice.best.map_or(rules.log_unexplained_density, |(_, fit)| fit.log_likelihood);
-            let highest = highest.max(rules.log_unexplained_density);
-            weigh(rules, (index, sighting), &of_sighting[index], (hypothesis, used), (highest, weights));
-            pick(&of_sighting[index], weights, (highest, draw(index)))
+            let highest = weigh(rules, among, index, hypothesis, scratch);
+            let (decision, log_total) = pick(&among.of_sighting[index], &scratch.weights, draw(index));
+            (decision, highest + log_total)
         };
         if let Decision::Landmark(candidate) = decision {
             hypothesis.accept(candidate, sighting);
             if rules.exclusion == Exclusion::OneSighting {
-                used.push(candidate);
+                scratch.used.push(candidate);
             }
         }
         decisions[index] = decision;
@@ -51,27 +54,34 @@ pub fn decide_sampled<H: Hypothesis>(
     log_weight
 }
 
-/// The likelihoods of a sighting's explanations over e^`highest`: its candidates, then something that the map lacks.
+/// The likelihoods of a sighting's explanations over e^h: its candidates, then something that the map lacks. Returns h,
+/// the highest of their logarithms.
 fn weigh<H: Hypothesis>(
     rules: &Rules,
-    (index, sighting): (usize, &ScanSighting),
-    candidates: &[u32],
-    (hypothesis, used): (&H, &[u32]),
-    (highest, weights): (f64, &mut Vec<f64>),
-) {
+    among: Candidates<'_>,
+    index: usize,
+    hypothesis: &H,
+    scratch: &mut Scratch,
+) -> f64 {
+    let Scratch { used, weights, .. } = scratch;
+    let choice = best_choice(rules, among, index, hypothesis, used);
+    let highest = choice.best.map_or(rules.log_unexplained_density, |(_, fit)| fit.log_likelihood);
+    let highest = highest.max(rules.log_unexplained_density);
+    let measured = &among.scan[index].measured;
     weights.clear();
-    weights.extend(candidates.iter().enumerate().map(|(place, candidate)| {
+    weights.extend(among.of_sighting[index].iter().enumerate().map(|(place, candidate)| {
         if used.contains(candidate) {
             return 0.0;
         }
-        let fit = hypothesis.fit([index, place], *candidate, &sighting.measured);
+        let fit = hypothesis.fit([index, place], *candidate, measured);
         fit.map_or(0.0, |fit| math::exp(fit.log_likelihood - highest))
     }));
     weights.push(math::exp(rules.log_unexplained_density - highest));
+    highest
 }
 
-/// The explanation at a uniform number, and ln of the sum of all likelihoods.
-fn pick(candidates: &[u32], weights: &[f64], (highest, uniform): (f64, f64)) -> (Decision, f64) {
+/// The explanation at a uniform number, and ln of the sum of all weights.
+fn pick(candidates: &[u32], weights: &[f64], uniform: f64) -> (Decision, f64) {
     let total: f64 = weights.iter().sum();
     let mut left = uniform * total;
     let mut decision = Decision::New;
@@ -82,5 +92,5 @@ fn pick(candidates: &[u32], weights: &[f64], (highest, uniform): (f64, f64)) -> 
         }
         left -= weight;
     }
-    (decision, highest + math::ln(total))
+    (decision, math::ln(total))
 }

@@ -94,7 +94,7 @@ impl Detector {
         segments::split(beams, cut, segments);
         let count = segments.len();
         for k in 0..count {
-            straight_lines(settings, beams, (k, count), segments, lines);
+            straight_lines(settings, beams, k, segments, lines);
             let start = pieces.len();
             pieces.extend(lines.iter().map(|line| piece(settings, beams, line)));
             let mut before: Option<usize> = None;
@@ -113,16 +113,10 @@ impl Detector {
     }
 }
 
-/// The straight parts of piece `k`, in order. `segments[pieces..]` is the stack of parts still to be looked at.
-fn straight_lines(
-    settings: &Corners,
-    beams: &Beams,
-    (k, pieces): (usize, usize),
-    segments: &mut Vec<Segment>,
-    lines: &mut Vec<Line>,
-) {
+/// The straight parts of piece `k`, in order. Parts still to be looked at are stacked on the pieces.
+fn straight_lines(settings: &Corners, beams: &Beams, k: usize, segments: &mut Vec<Segment>, lines: &mut Vec<Line>) {
     lines.clear();
-    segments.truncate(pieces);
+    let pieces = segments.len();
     segments.push(segments[k]);
     while segments.len() > pieces {
         let Some(part) = segments.pop() else { return };

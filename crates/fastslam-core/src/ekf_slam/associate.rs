@@ -1,7 +1,7 @@
 //! Steps in which the filter decides which landmark a sighting shows.
 
 use super::EkfSlam;
-use crate::association::{decide, Decision, Hypothesis, ScanSighting, Scratch};
+use crate::association::{decide, Candidates, Decision, Hypothesis, ScanSighting, Scratch};
 use crate::error::Result;
 use crate::filter::StepInfo;
 use crate::landmark::{fit_with_tail, Fit, Measured};
@@ -45,8 +45,8 @@ impl<M: Placing> EkfSlam<M> {
         let rules = self.rules;
         let mut decisions = vec![Decision::Ignored; scan.len()];
         let mut hypothesis = JointHypothesis { filter: self, failure: Ok(()) };
-        info.weighing.log_likelihood +=
-            decide(&rules, scan, &of_sighting, &mut hypothesis, &mut Scratch::default(), &mut decisions);
+        let among = Candidates { scan, of_sighting: &of_sighting };
+        info.weighing.log_likelihood += decide(&rules, among, &mut hypothesis, &mut Scratch::default(), &mut decisions);
         hypothesis.failure?;
         info.left_out.ignored += decisions.iter().filter(|d| **d == Decision::Ignored).count() as u32;
         Ok(scan.iter().zip(&decisions).filter(|(_, d)| **d == Decision::New).map(|(s, _)| s).collect())

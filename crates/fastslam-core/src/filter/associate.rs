@@ -16,8 +16,8 @@ use super::weigh::clear_log_likelihood;
 use super::work::{Associating, Work};
 use super::StepInfo;
 use crate::association::{
-    decide, decide_assignment, decide_joint, decide_sampled, fast, CandidateTable, Decision, FitTable, Hypothesis,
-    Identities, Method, Outcome, ParticleHypothesis, Rules, ScanSighting, Scratch,
+    decide, decide_assignment, decide_joint, decide_sampled, fast, CandidateTable, Candidates, Decision, FitTable,
+    Hypothesis, Identities, Method, Outcome, ParticleHypothesis, Rules, Sampler, ScanSighting, Scratch,
 };
 use crate::measurement::Placing;
 use crate::random::{Purpose, Stream};
@@ -201,6 +201,7 @@ fn decide_each<M: Placing>(
     let Work { associating, beliefs, log_likelihood, .. } = work;
     let Associating { table, fits, deciding, decisions, .. } = associating;
     let (table, fits, deciding, fell_back) = (&*table, &*fits, &*deciding, AtomicU32::new(0));
+    let among = Candidates { scan, of_sighting: &table.of_sighting };
     let whole = (beliefs.columns_mut(), Shares { entries: decisions, each: scan.len() }, log_likelihood.as_mut_slice());
     setup.workers.share(whole, fast::BLOCK, &|first, (mut beliefs, decisions, log_likelihood)| {
         let shares = decisions.entries.chunks_exact_mut(scan.len());
@@ -209,7 +210,7 @@ fn decide_each<M: Placing>(
             let mut one = ParticleHypothesis { model, T_robot_sensor, table, fits, particle, belief, refined: None };
             let draw = |j: usize| stream.uniform(particle as u32, j as u32);
             let outcome =
-                deciding.with(|(_, scratch)| explain(rules, (scan, &table.of_sighting), &mut one, scratch, draw, mine));
+                deciding.with(|(_, scratch)| explain(&Sampler { rules, draw }, among, &mut one, scratch, mine));
             *increment = outcome.log_weight;
             fell_back.fetch_add(u32::from(outcome.fell_back), Relaxed);
             if let Some((refined, _)) = one.refined {
@@ -220,20 +221,20 @@ fn decide_each<M: Placing>(
     fell_back.into_inner()
 }
 
-/// Decides about a scan for one hypothesis by the configured method; `draw(j)` is a uniform number for sighting j.
+/// Decides about a scan for one hypothesis by the configured method.
 fn explain<H: Hypothesis + Clone>(
-    rules: &Rules,
-    (scan, of_sighting): (&[ScanSighting], &[Vec<u32>]),
+    sampler: &Sampler<'_, impl Fn(usize) -> f64>,
+    among: Candidates<'_>,
     hypothesis: &mut H,
     scratch: &mut Scratch,
-    draw: impl Fn(usize) -> f64,
     decisions: &mut [Decision],
 ) -> Outcome {
+    let rules = sampler.rules;
     let log_weight = match rules.method {
-        Method::MaximumLikelihood => decide(rules, scan, of_sighting, hypothesis, scratch, decisions),
-        Method::Sampled => decide_sampled(rules, (scan, of_sighting), hypothesis, scratch, draw, decisions),
-        Method::Assignment => decide_assignment(rules, scan, of_sighting, hypothesis, scratch, decisions),
-        Method::Joint => return decide_joint(rules, scan, of_sighting, hypothesis, scratch, decisions),
+        Method::MaximumLikelihood => decide(rules, among, hypothesis, scratch, decisions),
+        Method::Sampled => decide_sampled(sampler, among, hypothesis, scratch, decisions),
+        Method::Assignment => decide_assignment(rules, among, hypothesis, scratch, decisions),
+        Method::Joint => return decide_joint(rules, among, hypothesis, scratch, decisions),
     };
     Outcome { log_weight, fell_back: false }
 }

@@ -168,7 +168,8 @@ impl<M: Placing> Corrector<'_, M> {
         let (name, particles) = (self.name_to_learn(sighting), self.maps.particles.len());
         let Self { setup, maps, sensor_poses, rows, .. } = self;
         let columns = maps.landmarks.columns();
-        first_rows(&setup.models.measurement, sensor_poses, sighting.measured, mask, columns, rows);
+        let (model, poses, measured) = (&setup.models.measurement, sensor_poses, sighting.measured);
+        first_rows(&Correction { model, poses, measured, mask }, columns, rows);
         if let (Some(name), Some(mask)) = (name, mask) {
             write_name(name, mask, &mut rows[column::IDENTITY * particles..]);
         }

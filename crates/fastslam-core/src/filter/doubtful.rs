@@ -6,6 +6,7 @@ use super::setup::{Settings, Setup};
 use super::state::State;
 use super::work::Associating;
 use crate::association::{Belief, CandidateTable, Decision, Rules, ScanSighting};
+use crate::gaussian::Gaussian;
 use crate::math;
 use crate::measurement::Placing;
 
@@ -51,8 +52,8 @@ pub(super) fn explain_by_doubtful<M: Placing>(
         for j in (0..scan.len()).filter(|j| !doubtful[*j].is_empty()) {
             if mine[j] == Decision::New {
                 let free = doubtful[j].iter().copied().filter(|c| !mine.contains(&Decision::Landmark(*c)));
-                let one = (particle, beliefs.get(particle));
-                if let Some(candidate) = likeliest(setup, one, &scan[j], free, table) {
+                let known = free.filter_map(|candidate| Some((candidate, table.gaussian(candidate, particle)?)));
+                if let Some(candidate) = likeliest(setup, &beliefs.get(particle), &scan[j], known) {
                     mine[j] = Decision::Landmark(candidate);
                 }
             }
@@ -67,13 +68,11 @@ pub(super) fn explain_by_doubtful<M: Placing>(
 /// The likeliest of some candidates within the gate, as one particle has them.
 fn likeliest<M: Placing>(
     setup: &Setup<M>,
-    (particle, belief): (usize, Belief),
+    belief: &Belief,
     sighting: &ScanSighting,
-    candidates: impl Iterator<Item = u32>,
-    table: &CandidateTable,
+    candidates: impl Iterator<Item = (u32, Gaussian)>,
 ) -> Option<u32> {
-    let near = candidates.filter_map(|candidate| {
-        let landmark = table.gaussian(candidate, particle)?;
+    let near = candidates.filter_map(|(candidate, landmark)| {
         let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
         let fit = belief.fit(model, T_robot_sensor, &landmark, &sighting.measured);
         (fit.mahalanobis_squared <= setup.settings.rules.gate).then_some((fit.log_likelihood, candidate))

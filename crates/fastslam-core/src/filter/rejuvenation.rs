@@ -99,7 +99,7 @@ fn start_anew<M: Placing>(
     work: &mut Work,
     cost: &Cell<f64>,
 ) -> Option<(Trajectory, Vec<[u32; 2]>)> {
-    let Rejuvenation { history, count, .. } = state.rejuvenation.as_ref()?;
+    let Rejuvenation { history, .. } = state.rejuvenation.as_ref()?;
     let settings = &setup.settings.config.filter.rejuvenation;
     let window = settings.window_steps.map_or(usize::MAX, |steps| steps as usize);
     let first_free = history.steps().saturating_sub(window);
@@ -107,8 +107,8 @@ fn start_anew<M: Placing>(
     let mut graph = graph_of(setup, state, &places, first_free, cost)?;
     let trajectory = trajectory(setup, state, first_free)?;
     let mode = graph.solve(graph.guess(trajectory, |sights| places[&sights.birth].1))?;
-    let stream = setup.settings.random.stream(Purpose::Rejuvenation, *count);
-    let (mode, merges) = close_loops(setup, state, (&mut graph, mode), stream, &places);
+    let stream = stream_of(setup, state);
+    let (mode, merges) = close_loops(setup, state, &mut graph, mode, &places);
     let sampling = Sampling { stream, count: state.particles.len(), spread: settings.spread };
     let drawn = draw(&graph, &mode, &sampling);
     if !drawn.last_poses.iter().all(|pose| pose.is_finite()) {
@@ -127,6 +127,12 @@ fn start_anew<M: Placing>(
         unions.closed();
     }
     Some((trajectory, merges))
+}
+
+/// Random numbers of this draw.
+fn stream_of<M>(setup: &Setup<M>, state: &State) -> Stream {
+    let count = state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.count);
+    setup.settings.random.stream(Purpose::Rejuvenation, count)
 }
 
 /// The least-squares problem over the best particle's past; poses before the step `first_free` stand still.
@@ -195,8 +201,8 @@ fn trajectory<M>(setup: &Setup<M>, state: &State, first_free: usize) -> Option<T
 fn close_loops<M: Placing>(
     setup: &Setup<M>,
     state: &State,
-    (graph, mode): (&mut Graph<'_, M>, Mode),
-    stream: Stream,
+    graph: &mut Graph<'_, M>,
+    mode: Mode,
     places: &FxHashMap<u32, Place>,
 ) -> (Mode, Vec<[u32; 2]>) {
     let (settings, association) = (&setup.settings.config.filter.rejuvenation, &setup.settings.config.association);
@@ -217,6 +223,7 @@ fn close_loops<M: Placing>(
         tolerance_m2: association.merging.tolerance_std_m * association.merging.tolerance_std_m,
         evidence: &evidence,
     };
+    let stream = stream_of(setup, state);
     graph.close_loops(mode, &closing, |size, pass| {
         let mut numbers = vec![[0.0; LANES]; size];
         // Particles have lower numbers.

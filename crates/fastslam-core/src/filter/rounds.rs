@@ -89,7 +89,7 @@ pub(super) fn process_rounds<M: Placing>(
         }
     }
     info.landmarks = state.particles.landmarks[state.particles.best()];
-    judge_health(setup, state, work, (stamp_s, births_before), info);
+    judge_health(setup, state, work, Before { stamp_s, births: births_before }, info);
     state.counters.steps += 1;
     Ok(())
 }
@@ -114,14 +114,14 @@ fn process<M: Placing>(
     }
 }
 
+/// When a scan was made, and how many landmarks had been born before it.
+struct Before {
+    stamp_s: f64,
+    births: u64,
+}
+
 /// Gives the verdict on a step.
-fn judge_health<M: Placing>(
-    setup: &Setup<M>,
-    state: &mut State,
-    work: &mut Work,
-    (stamp_s, births_before): (f64, u64),
-    info: &mut StepInfo,
-) {
+fn judge_health<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, before: Before, info: &mut StepInfo) {
     let watch = &mut state.diagnosis.watch;
     info.sampling.particles = state.particles.len() as u32;
     info.matched = watch.matches() as u32;
@@ -133,12 +133,12 @@ fn judge_health<M: Placing>(
     }
     info.noise = NoiseInWindow::from(&state.diagnosis.noise_report);
     let vitals = Vitals {
-        stamp_s,
+        stamp_s: before.stamp_s,
         particles: state.particles.len(),
         effective_sample_size: info.weighing.effective_sample_size,
         T_world_robot: state.estimate.mean,
         pose_covariance: state.estimate.covariance,
-        births_before,
+        births_before: before.births,
         names_known: setup.settings.identities == Identities::All,
         map_in_view: work.map_in_view.take(),
     };

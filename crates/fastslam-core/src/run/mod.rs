@@ -75,7 +75,18 @@ pub fn run_from(
     beginning: &Beginning,
     observer: &mut dyn Observer,
 ) -> Result<RunOutput> {
-    run_with(&slam::create, (config, log, beginning), None, observer)
+    run_with(&slam::create, Task { config, log, beginning }, None, observer)
+}
+
+/// What is run: how, over which log, and what it begins with.
+#[derive(Clone, Copy, Debug)]
+pub struct Task<'a> {
+    /// The filter and its settings.
+    pub config: &'a Config,
+    /// The log.
+    pub log: &'a LogData,
+    /// A map, a start.
+    pub beginning: &'a Beginning,
 }
 
 /// Runs a filter that `make` makes over a log, from its beginning or going on from a snapshot.
@@ -83,11 +94,11 @@ pub fn run_from(
 /// **Errors:** as [`run_from`] and [`resume`], and those of `make`.
 pub fn run_with(
     make: Maker<'_>,
-    (config, log, beginning): (&Config, &LogData, &Beginning),
+    task: Task<'_>,
     snapshot: Option<&[u8]>,
     observer: &mut dyn Observer,
 ) -> Result<RunOutput> {
-    let run = Run::new(make, config, log, beginning)?;
+    let run = Run::new(make, task.config, task.log, task.beginning)?;
     let run = match snapshot {
         Some(snapshot) => run.resumed(snapshot)?,
         None => run,
@@ -107,7 +118,7 @@ pub fn resume(
     snapshot: &[u8],
     observer: &mut dyn Observer,
 ) -> Result<RunOutput> {
-    run_with(&slam::create, (config, log, beginning), Some(snapshot), observer)
+    run_with(&slam::create, Task { config, log, beginning }, Some(snapshot), observer)
 }
 
 /// A run under way.

@@ -115,6 +115,12 @@ struct Stepped {
     promised: f64,
 }
 
+/// The precision, and minus the gradient.
+struct Equations<'a> {
+    upper: &'a mut UpperTriangle,
+    descent: &'a mut [f64],
+}
+
 /// Where the blocks of the precision lie in its columns.
 struct Layout {
     poses: usize,
@@ -217,8 +223,9 @@ impl<M: Placing> Graph<'_, M> {
     fn linearize(&self, solution: &Solution, layout: &Layout, upper: &mut UpperTriangle) -> Vec<f64> {
         upper.values.fill(0.0);
         let mut descent = vec![0.0; 3 * layout.poses + 2 * self.landmarks.len()];
+        let mut equations = Equations { upper, descent: &mut descent };
         for pose in 0..layout.poses {
-            self.add_motion(solution, pose, upper, &mut descent);
+            self.add_motion(solution, pose, &mut equations);
         }
         for (k, sights) in self.landmarks.iter().enumerate() {
             let mut place = 0;
@@ -227,15 +234,15 @@ impl<M: Placing> Graph<'_, M> {
                     place += 1;
                 }
                 let at = [3 * layout.poses + 2 * k, place];
-                self.add_sighting(solution, k, seen, at, (upper, &mut descent));
+                self.add_sighting(solution, k, seen, at, &mut equations);
             }
             let own = 3 * layout.poses + 2 * k;
-            self.landmarks[k].known.add_to(solution.landmarks[k], own, (upper, &mut descent));
+            self.landmarks[k].known.add_to(solution.landmarks[k], own, &mut equations);
         }
         descent
     }
 
-    fn add_motion(&self, solution: &Solution, pose: usize, upper: &mut UpperTriangle, descent: &mut [f64]) {
+    fn add_motion(&self, solution: &Solution, pose: usize, Equations { upper, descent }: &mut Equations<'_>) {
         let step = self.first_free + pose;
         let before = solution.trajectory.before(step);
         let (residual, by_before, by_after) =
@@ -264,7 +271,7 @@ impl<M: Placing> Graph<'_, M> {
         k: usize,
         seen: &Seen,
         [own, place]: [usize; 2],
-        (upper, descent): (&mut UpperTriangle, &mut [f64]),
+        Equations { upper, descent }: &mut Equations<'_>,
     ) {
         let measured = self.history.sighting(seen.sighting);
         let known = &self.landmarks[k].known;
@@ -382,7 +389,7 @@ impl Known {
     }
 
     /// Adds what is known to the landmark's block, whose first row is `own`.
-    fn add_to(&self, at: [f64; 2], own: usize, (upper, descent): (&mut UpperTriangle, &mut [f64])) {
+    fn add_to(&self, at: [f64; 2], own: usize, Equations { upper, descent }: &mut Equations<'_>) {
         let [xx, xy, yy, pull_x, pull_y] = match self {
             Self::Nothing => return,
             Self::Prior(_) => self.information(at),

@@ -112,14 +112,14 @@ impl Lanes {
     pub(super) fn consider<M: Placing>(
         &self,
         width: usize,
-        (model, tail): (&M, Tail),
+        sight: &Sight<'_, M>,
         place: usize,
         candidate: &Candidate,
         best: &mut Best,
     ) {
         for i in 0..width.min(BLOCK) {
             let (belief, landmark) = (self.belief(i), gaussian(&candidate.gaussian, i));
-            let view = belief.view(model, self.sensor(i), &landmark, &self.measured(i, tail));
+            let view = belief.view(sight.model, self.sensor(i), &landmark, &self.measured(i, sight.tail));
             let leads = best.weigh(i, place, candidate.presence[i], belief.judge(&view));
             for (column, new) in best.gaussian.iter_mut().zip(&candidate.gaussian) {
                 column[i] = if leads { new[i] } else { column[i] };
@@ -129,17 +129,12 @@ impl Lanes {
 
     /// Refines the uncertain beliefs by the sighting where it was accepted as one of the best candidate.
     #[inline(always)]
-    pub(super) fn refine<M: Placing>(
-        &mut self,
-        width: usize,
-        (model, tail): (&M, Tail),
-        T_robot_sensor: Pose,
-        best: &Best,
-    ) {
+    pub(super) fn refine<M: Placing>(&mut self, width: usize, sight: &Sight<'_, M>, T_robot_sensor: Pose, best: &Best) {
         for i in 0..width.min(BLOCK) {
             let before = self.belief(i);
             let landmark = gaussian(&best.gaussian, i);
-            let (after, _) = before.refined(&before.view(model, self.sensor(i), &landmark, &self.measured(i, tail)));
+            let (after, _) =
+                before.refined(&before.view(sight.model, self.sensor(i), &landmark, &self.measured(i, sight.tail)));
             // Selections in place of branches: the loop must stay a straight line to become vector code.
             let active = (best.accepted[i] != 0.0) & (self.uncertain[i] != 0.0);
             let pick = |new: f64, old: f64| if active { new } else { old };
@@ -154,6 +149,12 @@ impl Lanes {
             }
         }
     }
+}
+
+/// How a sighting is seen: the model, and the tail of its noise.
+pub(super) struct Sight<'a, M> {
+    pub(super) model: &'a M,
+    pub(super) tail: Tail,
 }
 
 /// A landmark in all maps of a block, or another one in each.

@@ -16,7 +16,7 @@ use crate::measurement::Placing;
 use crate::sighting::{Measured, ScanSighting};
 use crate::vector::vectorized;
 pub use lanes::BLOCK;
-use lanes::{rank, Best, Candidate, Column, Lanes, ZERO};
+use lanes::{rank, Best, Candidate, Column, Lanes, Sight, ZERO};
 
 /// Passes go over a multiple of this many particles, so that no vector unit has a remainder to do one by one.
 const VECTOR: usize = 8;
@@ -230,7 +230,7 @@ impl<M: Placing> Block<'_, '_, M> {
     /// The best candidate of the sighting that is next.
     #[inline(always)]
     fn choose(&mut self, rank: usize, order: Order) {
-        let (width, model) = (self.width(), (self.question.model, self.tail));
+        let (width, sight) = (self.width(), Sight { model: self.question.model, tail: self.tail });
         self.workspace.best.clear(self.question.rules.log_unexplained_density);
         match order {
             Order::Certain => self.choose_before(rank),
@@ -239,14 +239,14 @@ impl<M: Placing> Block<'_, '_, M> {
                 let Workspace { lanes, best, candidates, pairs, first_pair, .. } = &mut *self.workspace;
                 let range = first_pair[rank] as usize..first_pair[rank + 1] as usize;
                 for (place, candidate) in pairs[range].iter().enumerate() {
-                    lanes.consider(width, model, place, &candidates[*candidate as usize], best);
+                    lanes.consider(width, &sight, place, &candidates[*candidate as usize], best);
                 }
             }
             Order::Own => {
                 for place in 0..self.gather_measured(rank) {
                     self.gather_candidates(rank, place);
                     let Workspace { lanes, best, gathered, .. } = &mut *self.workspace;
-                    lanes.consider(width, model, place, gathered, best);
+                    lanes.consider(width, &sight, place, gathered, best);
                 }
             }
         }
@@ -317,7 +317,7 @@ impl<M: Placing> Block<'_, '_, M> {
             };
         }
         if order != Order::Certain {
-            lanes.refine(width, (question.model, self.tail), question.T_robot_sensor, best);
+            lanes.refine(width, &Sight { model: question.model, tail: self.tail }, question.T_robot_sensor, best);
         }
     }
 }

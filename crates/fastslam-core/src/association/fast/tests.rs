@@ -1,7 +1,7 @@
 //! The block against the particles one by one.
 
 use super::*;
-use crate::association::{decide, Appearance, Belief, FitTable, ParticleHypothesis, Scratch};
+use crate::association::{decide, Appearance, Belief, Candidates, FitTable, ParticleHypothesis, Scratch};
 use crate::config::Config;
 use crate::measurement::RangeBearing;
 use crate::random::{Purpose, RandomSource, Stream};
@@ -104,8 +104,9 @@ fn one_by_one(question: &Question<'_, RangeBearing>, beliefs: &[Belief]) -> (Vec
     for (particle, &belief) in beliefs.iter().enumerate() {
         let mut mine = vec![Decision::Ignored; scan.len()];
         let fits = &fits;
+        let among = Candidates { scan, of_sighting: &table.of_sighting };
         let mut one = ParticleHypothesis { model, T_robot_sensor, table, fits, particle, belief, refined: None };
-        log_likelihood.push(decide(rules, scan, &table.of_sighting, &mut one, &mut scratch, &mut mine));
+        log_likelihood.push(decide(rules, among, &mut one, &mut scratch, &mut mine));
         refined.push(numbers_of(&one.refined.map_or(belief, |(belief, _)| belief)));
         decisions.extend(mine);
     }
