@@ -44,10 +44,7 @@ def kill_again_and_again(folder: Path, count: int, seed: int) -> dict[str, int]:
     log, moment = simulate({"seed": 3, "world": {"count": 15}, "max_duration_s": 60.0}), random.Random(seed)
     whole, cut = folder / "whole", folder / "cut"
     cut.mkdir()
-    begun_s = time.monotonic()
-    if _exit_code(_started(log, whole)) != 0:
-        raise RuntimeError("a run that nobody kills fails")
-    lasted_s = time.monotonic() - begun_s
+    lasted_s = min(_lasted_s(log, whole) for _ in range(3))
     told: Counter[str] = Counter(dict.fromkeys(COUNTED, 0))
     while told["kills"] < count:
         told["resumed"] += (cut / CHECKPOINT_FILE).exists()
@@ -59,6 +56,14 @@ def kill_again_and_again(folder: Path, count: int, seed: int) -> dict[str, int]:
     while told["ended"] == ended and not told["failed"]:
         _look(_exit_code(_started(log, cut)), whole, cut, told)
     return dict(told)
+
+
+def _lasted_s(log: Log, whole: Path) -> float:
+    """How long a run takes that nobody kills."""
+    begun_s = time.monotonic()
+    if _exit_code(_started(log, whole)) != 0:
+        raise RuntimeError("a run that nobody kills fails")
+    return time.monotonic() - begun_s
 
 
 def _started(log: Log, folder: Path) -> int:
