@@ -20,13 +20,13 @@ pub(super) fn doubt_names<M: Placing>(
     scan: &mut Vec<ScanSighting>,
     info: &mut StepInfo,
 ) {
-    let gate = IMPLAUSIBLE * state.diagnosis.watch.noise.usual_excess();
     let mut known = 0;
     let mut misfits: Vec<usize> = Vec::new();
+    let best = state.particles.best();
     for (j, sighting) in scan.iter().enumerate() {
         let Some(slot) = state.landmarks.named(sighting) else { continue };
         known += 1;
-        if is_implausible(setup, state, sighting, slot, gate) {
+        if is_implausible(setup, state, sighting, slot, best) {
             misfits.push(j);
         }
     }
@@ -42,10 +42,16 @@ pub(super) fn doubt_names<M: Placing>(
     }
 }
 
-/// Whether no particle can have seen its landmark there; nearly always the best, which is asked first, can.
-fn is_implausible<M: Placing>(setup: &Setup<M>, state: &State, sighting: &ScanSighting, slot: u32, gate: f64) -> bool {
+/// Whether no particle can have seen its landmark there; nearly always `first`, who is asked first, can.
+fn is_implausible<M: Placing>(
+    setup: &Setup<M>,
+    state: &State,
+    sighting: &ScanSighting,
+    slot: u32,
+    first: usize,
+) -> bool {
+    let gate = IMPLAUSIBLE * state.diagnosis.watch.noise.usual_excess();
     let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
-    let first = state.particles.best();
     let others = (0..state.particles.len()).filter(|i| *i != first);
     std::iter::once(first).chain(others).all(|particle| {
         held_by(&state.landmarks, particle, slot).is_none_or(|(landmark, _)| {
