@@ -14,7 +14,9 @@ from .standing import Standing, standing
 MOST_WRONG = 0.1
 """A map of which more of the landmarks are wrong is not to be believed."""
 FEW = 3
-"""Fewer than this many landmarks that are odd say nothing."""
+"""Fewer than this many landmarks that were not found again say nothing."""
+FEW_ODD = 4
+"""Fewer than this many that are odd say nothing: what stands in front of a landmark for long makes it so."""
 MOST_LOST = 0.02
 """A filter that is lost now and then comes back at times, and mostly to another map."""
 LARGEST_INNOVATION_STD = 1.25
@@ -74,7 +76,7 @@ def _of_map(result: RunResult, log: Log) -> Iterator[Doubt]:
         return
     named = result.config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
     stand = standing(laid, named=named)
-    yield Doubt("landmarks", stand.odd / max(FEW, MOST_WRONG * stand.landmarks), _landmarks(stand))
+    yield Doubt("landmarks", stand.odd / max(FEW_ODD, MOST_WRONG * stand.landmarks), _landmarks(stand))
     steps = result.steps
     used = 1.0 - float((steps.ignored + steps.new_landmarks).sum()) / max(int(steps.sightings.sum()), 1)
     lacking = used - float(laid.explained.mean())
