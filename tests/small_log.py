@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 from fastslam.datasets import write_native
 from fastslam.log import Controls, Log, Sightings, TruthLandmarks, TruthTrajectory
+from fastslam.robot import Robot, Step
 
 LANDMARKS_M = np.array([[4.0, 1.0], [9.0, 5.0], [3.0, 9.0], [-4.0, 6.0], [0.5, 4.5], [6.0, -2.0]])
 SPEED_M_PER_S = 1.0
@@ -69,3 +71,26 @@ def _sightings(
 def write_small_log(folder: Path, *, steps: int = 300) -> Path:
     """Writes the log as a native folder."""
     return write_native(make_small_log(steps=steps), folder)
+
+
+def events(log: Log) -> Iterator[tuple[float, int]]:
+    """Stamp and kind (0: odometry) of each row in time order."""
+    for stamp in log.controls.stamp_s:
+        yield float(stamp), 0
+    for stamp in np.unique(log.sightings.stamp_s):
+        yield float(stamp), 1
+
+
+def tell(robot: Robot, log: Log, row: tuple[float, int]) -> tuple[Step, ...]:
+    stamp_s, kind = row
+    if kind == 0:
+        at = int(np.searchsorted(log.controls.stamp_s, stamp_s))
+        return robot.odometry(stamp_s, log.controls.values[at])
+    seen = log.sightings.stamp_s == stamp_s
+    names = [log.identity_names[index] for index in log.sightings.identity[seen]]
+    return robot.sightings(
+        stamp_s,
+        range_m=log.sightings.range_m[seen],
+        bearing_rad=log.sightings.bearing_rad[seen],
+        identity=names,
+    )

@@ -34,7 +34,7 @@ FAULTS: dict[str, tuple[Fault, int, HealthStatus, int]] = {
     # Fault, steps until degraded, worst status, steps until then. Steps with sightings come every 0.2 s,
     # those without every 0.5 s: 10 s of blindness are 20 steps, and one more.
     "kidnapped": (lambda log: kidnapped(log, at_s=FAULT_S, for_s=12.0), 4, HealthStatus.LOST, 24),
-    "swapped wheels": (lambda log: with_swapped_wheels(log, at_s=FAULT_S), 8, HealthStatus.LOST, 28),
+    "swapped wheels": (lambda log: with_swapped_wheels(log, at_s=FAULT_S), 8, HealthStatus.LOST, 40),
     "blinded": (lambda log: blinded(log, at_s=FAULT_S), 21, HealthStatus.DEGRADED, 21),
     "stale map": (
         lambda log: with_moved_landmarks(log, at_s=FAULT_S, by_m=2.0, seed=1),

@@ -32,12 +32,16 @@ WORLDS: dict[str, tuple[str, str, dict[str, Any]]] = {
 }
 """Name: preset, what it is, settings over the preset."""
 
+PLAIN: dict[str, Any] = {"filter": {"rejuvenation": {"every_steps": 0}}}
+
 VARIANTS: dict[str, dict[str, Any]] = {
-    "1.0": {"algorithm": "fastslam1"},
-    "2.0": {"algorithm": "fastslam2"},
-    "2.0, exponent 0.5": {"algorithm": "fastslam2", "filter": {"likelihood_exponent": 0.5}},
-    "2.0, exponent 0.2": {"algorithm": "fastslam2", "filter": {"likelihood_exponent": 0.2}},
-    "2.0, rejuvenated": {"algorithm": "fastslam2", "filter": {"rejuvenation": {"every_steps": 20}}},
+    "1.0, plain": merge(PLAIN, {"algorithm": "fastslam1"}),
+    "2.0, plain": PLAIN,
+    "2.0, plain, exponent 0.5": merge(PLAIN, {"filter": {"likelihood_exponent": 0.5}}),
+    "2.0, plain, exponent 0.2": merge(PLAIN, {"filter": {"likelihood_exponent": 0.2}}),
+    "defaults": {},
+    "defaults, identities unknown": {"association": {"mode": "unknown"}},
+    "drawn every 20 steps": {"filter": {"rejuvenation": {"every_steps": 20}}},
     "EKF": {"algorithm": "ekf"},
 }
 

@@ -239,8 +239,8 @@ class FastSlam:
 
         For the end of a log, or a moment when the robot stands; by itself the filter does it as often as
         `filter.rejuvenation` says. Returns False when the filter is not set up for it
-        (`filter.rejuvenation.every_steps` is 0, or not set and all identities are known), when nothing
-        happened since the last time, or when no solution was found.
+        (`filter.rejuvenation.every_steps` is 0), when nothing happened since the last time, or when no
+        solution was found.
         """
         with self._lock:
             return self._filter.rejuvenate()

@@ -34,6 +34,10 @@ fn outcome(algorithm: Algorithm, identities: Identities) -> Value {
     let mut config =
         Config { seed: 1, algorithm, motion: simulated.motion, sensor: simulated.sensor, ..Config::default() };
     config.filter.particles = 25;
+    if identities == Identities::All {
+        // The algorithms as the papers have them.
+        config.filter.rejuvenation.every_steps = Some(0);
+    }
     let output = run(&config, &log, &mut Blind).unwrap();
     let last = output.steps.last().unwrap().pose;
     let count = output.steps.len() as f64;

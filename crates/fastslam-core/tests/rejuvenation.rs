@@ -224,7 +224,9 @@ fn poses_before_the_window_stand_still() {
 
 #[test]
 fn a_filter_that_was_not_asked_to_does_not_remember() {
-    let mut filter = FastSlam::new(Config::default(), Identities::All).unwrap();
+    let mut config = Config::default();
+    config.filter.rejuvenation.every_steps = Some(0);
+    let mut filter = FastSlam::new(config, Identities::All).unwrap();
     filter.update(0.0, &[Sighting::range_bearing(3.0, 0.0, Some(1))]).unwrap();
     assert!(!filter.rejuvenate());
 }
@@ -232,6 +234,10 @@ fn a_filter_that_was_not_asked_to_does_not_remember() {
 /// A field driven around twice with a sensor that looks ahead: the pose is off by more than the landmarks' spacing when
 /// the first ones come back.
 fn two_laps(seed: u64) -> (LogData, Config, SimulatedLog) {
+    simulated(&two_laps_simulation(seed))
+}
+
+fn two_laps_simulation(seed: u64) -> SimulationConfig {
     let mut simulation = SimulationConfig::preset("loop").unwrap();
     simulation.seed = seed;
     if let fastslam_sim::Trajectory::Loop(round) = &mut simulation.trajectory {
@@ -239,7 +245,11 @@ fn two_laps(seed: u64) -> (LogData, Config, SimulatedLog) {
     }
     simulation.sensor.field_of_view_rad = 162_f64.to_radians();
     simulation.scan.identities = fastslam_sim::Identities::None;
-    let simulated = simulate(&simulation).unwrap();
+    simulation
+}
+
+fn simulated(simulation: &SimulationConfig) -> (LogData, Config, SimulatedLog) {
+    let (simulated, seed) = (simulate(simulation).unwrap(), simulation.seed);
     let mut config =
         Config { seed, motion: simulated.motion.clone(), sensor: simulated.sensor.clone(), ..Config::default() };
     let [x_m, y_m, heading_rad] = simulated.T_world_robot[0];
@@ -270,8 +280,22 @@ fn with_plain_defaults_a_field_is_mapped_once() {
 }
 
 #[test]
-fn with_all_identities_known_nothing_is_drawn_unless_asked_for() {
-    let (log, config, _) = world("demo", 1, 20.0, fastslam_sim::Identities::All);
-    let output = run(&config, &log, &mut Blind).unwrap();
-    assert!(output.steps.len() > 50 && output.steps.iter().all(|step| !step.info.sampling.rejuvenated));
+fn names_that_come_back_after_a_long_way_correct_the_whole_way() {
+    let (mut plain, mut drawn) = (Vec::new(), Vec::new());
+    for seed in 1..4 {
+        let mut simulation = two_laps_simulation(seed);
+        simulation.scan.identities = fastslam_sim::Identities::All;
+        let (log, mut config, truth) = simulated(&simulation);
+        let output = run(&config, &log, &mut Blind).unwrap();
+        let draws = output.steps.iter().filter(|step| step.info.sampling.rejuvenated).count();
+        let scans = output.steps.iter().filter(|step| step.info.sightings > 0).count();
+        assert!((1..scans / 20).contains(&draws), "{draws} draws in {scans} scans");
+        drawn.push(map_rmse(&output, &truth));
+        config.filter.rejuvenation.every_steps = Some(0);
+        plain.push(map_rmse(&run(&config, &log, &mut Blind).unwrap(), &truth));
+    }
+    println!("map RMSE: {drawn:.3?}, plain {plain:.3?}");
+    // In the frame that the robot began in, of which both know no more than the first sightings say.
+    assert!(drawn.iter().zip(&plain).all(|(drawn, plain)| drawn < plain), "{drawn:?} {plain:?}");
+    assert!(drawn.iter().sum::<f64>() < 0.6 * plain.iter().sum::<f64>(), "{drawn:?} {plain:?}");
 }

@@ -232,23 +232,28 @@ fn when_no_particle_can_explain_a_sighting_the_step_is_named_and_the_filter_goes
             let sound = config.sensor.range_bearing();
             let mut filter = FastSlam::with_model(config, Identities::All, Broken { sound, error_m }).unwrap();
             let seen = [labelled(5.0, 0.3, 1), labelled(7.0, -1.0, 2)];
-            for step in 0..2 {
+            for step in 0..6 {
                 filter.predict([1.0, 0.1, 0.0], 0.1).unwrap();
                 filter.update(f64::from(step), &seen).unwrap();
             }
             let stamps = |filter: &FastSlam<Broken>| filter.best_path().iter().map(|node| node.0).collect::<Vec<_>>();
-            assert_eq!(stamps(&filter), [0.0, 1.0]);
-            let wild = [labelled(6.5, -1.0, 2), labelled(60.0, 0.3, 1)];
-            assert_eq!(filter.update(2.0, &wild), Err(Error::AllWeightsZero { step: 2 }));
+            // What is infinitely off is taken for misread three times, then the pose is doubted.
+            let (wild, mut step) = ([labelled(60.0, 0.3, 1)], if error_m.is_nan() { 9 } else { 6 });
+            while step < 9 {
+                assert_eq!(filter.update(step as f64, &wild).unwrap().left_out.ignored, 1);
+                step += 1;
+            }
+            let (before, number) = (stamps(&filter), if error_m.is_nan() { 6 } else { 9 });
+            assert_eq!(filter.update(9.0, &wild), Err(Error::AllWeightsZero { step: number }));
             failures += 1;
-            assert_eq!(stamps(&filter), [0.0, 1.0], "a step that failed is no part of the path");
+            assert_eq!(stamps(&filter), before, "a step that failed is no part of the path");
             assert_eq!(filter.weights(), vec![1.0 / 20.0; 20]);
             let expected = filter.map().landmarks.len();
             check_finite(&mut filter).unwrap_or_else(|e| panic!("{algorithm:?} {store:?} {error_m}: {e}"));
-            for step in 2..6 {
+            for step in 9..13 {
                 filter.predict([0.0, 0.0, 0.0], 0.1).unwrap();
                 let info = filter.update(f64::from(step), &[labelled(6.0, -1.0, 3), labelled(4.0, 0.5, 4)]).unwrap();
-                assert_eq!((info.step, info.sightings), (step as u64, 2));
+                assert_eq!((info.step, info.sightings), (number + step as u64 - 9, 2));
                 check_finite(&mut filter).unwrap_or_else(|e| panic!("{algorithm:?} {store:?} {error_m}: {e}"));
             }
             assert_eq!(filter.map().landmarks.len(), expected + 2, "3 and 4 are new");

@@ -8,9 +8,10 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..config import merge
 from ..plots import new_figure, style
 from ..sweep import Group, SimulatedLog, SweepSpec
-from .experiment import Claim, Scale, interval, plot_series, series_rows
+from .experiment import PLAIN, Claim, Scale, interval, plot_series, series_rows
 
 _ERRORS = ("ate_rmse_m", "landmark_rmse_m")
 _COLOR = {"fastslam1": style.LANDMARK, "fastslam2": style.LIVE, "ekf": style.INK}
@@ -37,7 +38,7 @@ def error_against_landmarks(scale: Scale) -> list[Claim]:
         SweepSpec(
             logs=[SimulatedLog(f"K={k}", settings=_world(k), new_world=True) for k in counts],
             seeds=scale.seeds(quick=12, full=60),
-            config={"algorithm": "fastslam1", "filter": {"particles": particles}},
+            config=merge(PLAIN, {"algorithm": "fastslam1", "filter": {"particles": particles}}),
         ),
     )
     rows = [{"landmarks": k, **row} for k, row in zip(counts, series_rows(groups, _ERRORS), strict=True)]
@@ -80,7 +81,7 @@ def _against_particles(scale: Scale) -> tuple[tuple[int, ...], list[Group], list
     logs = [SimulatedLog("K=100", settings=_world(100), new_world=True)]
     seeds = scale.seeds(quick=12, full=60)
     grid: dict[str, list[Any]] = {"algorithm": ["fastslam1", "fastslam2"], "filter.particles": list(counts)}
-    filters = scale.sweep("figure6b", SweepSpec(logs=logs, seeds=seeds, grid=grid), processes=1)
+    filters = scale.sweep("figure6b", SweepSpec(logs=logs, seeds=seeds, grid=grid, config=PLAIN), processes=1)
     ekf = scale.sweep("figure6b", SweepSpec(logs=logs, seeds=seeds, grid={"algorithm": ["ekf"]}), processes=1)
     return counts, filters, ekf
 

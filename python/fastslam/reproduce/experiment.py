@@ -17,7 +17,11 @@ from ..errors import FastSlamError
 from ..evaluation import MetricSummary
 from ..plots import house_style, render
 from ..resultfiles import write_atomically
+from ..settings import Layer
 from ..sweep import Group, Progress, ResultStore, SweepSpec, group_rows, sweep_cells
+
+PLAIN: Layer = {"filter": {"rejuvenation": {"every_steps": 0}}}
+"""The filter of the papers, which never draws paths anew."""
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
+from ..config import merge
 from ..evaluation import Evaluation, RigidTransform, evaluate_run
 from ..log import Log
 from ..plots import new_figure, plot_map, style
@@ -16,7 +17,7 @@ from ..plots.map import ellipse_axes
 from ..result import RunResult
 from ..runner import run
 from ..simulation import simulate
-from .experiment import Claim, Scale
+from .experiment import PLAIN, Claim, Scale
 
 LARGE_M, SMALL_M = 25.0, 6.0
 
@@ -80,7 +81,7 @@ def _run(reach_m: float, particles: int) -> _Field:
         "scan": {"period_s": 0.4},
     }
     log = simulate(settings, name=f"reach {reach_m:g} m")
-    config = {"algorithm": "fastslam1", "filter": {"particles": particles}, "seed": 1}
+    config = merge(PLAIN, {"algorithm": "fastslam1", "filter": {"particles": particles}, "seed": 1})
     return _Field(reach_m, log, run(log, config))
 
 

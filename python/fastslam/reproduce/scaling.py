@@ -15,7 +15,7 @@ from ..plots import new_figure, style
 from ..result import RunResult
 from ..settings import Layer
 from ..sweep import Group, SimulatedLog, StoredLog, SweepSpec
-from .experiment import Claim, Scale
+from .experiment import PLAIN, Claim, Scale
 
 SIGHTINGS_PER_STEP = 8
 STEP_S = 0.1
@@ -104,7 +104,8 @@ def growth(scale: Scale) -> list[Claim]:
     found: dict[str, dict[int, Group]] = {}
     for method, (layer, _, _) in _METHODS.items():
         # The paper resamples at every step.
-        config = merge({"filter": {"particles": PARTICLES, "resampling": {"threshold": 1.0}}}, layer)
+        every_step = {"filter": {"particles": PARTICLES, "resampling": {"threshold": 1.0}}}
+        config = merge(PLAIN, every_step, layer)
         chosen = {k: log for k, log in logs.items() if k <= _largest(method, scale.quick)}
         spec = SweepSpec(
             logs=list(chosen.values()), seeds=[1], config=config, measure=f"{__name__}:{revisits.__name__}"
@@ -195,7 +196,7 @@ def many_landmarks(scale: Scale) -> list[Claim]:
     """The run with 50,000 landmarks (5,000 in the quick version)."""
     landmarks = 5_000 if scale.quick else 50_000
     log = SimulatedLog(f"K={landmarks}", preset="headline", landmarks=landmarks)
-    config = {"algorithm": "fastslam1", "filter": {"particles": PARTICLES, "store": "lineage"}}
+    config = merge(PLAIN, {"algorithm": "fastslam1", "filter": {"particles": PARTICLES, "store": "lineage"}})
     measure = f"{__name__}:{error_by_age.__name__}"
     spec = SweepSpec(logs=[log], seeds=[1], config=config, measure=measure)
     found = scale.sweep("landmarks", spec, processes=1)[0].summary

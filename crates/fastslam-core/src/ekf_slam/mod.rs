@@ -13,12 +13,13 @@ use crate::association::{by_robot_pose, Appearance, Rules, ScanSighting};
 use crate::config::Config;
 use crate::diagnosis::health::{View as FieldOfView, Vitals, Watch};
 use crate::diagnosis::innovations::PredictedScan;
+use crate::diagnosis::misfits::Misplaced;
 use crate::diagnosis::names::{Doubt, Misfit, NamedPlace, IMPLAUSIBLE};
 use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::error::{Error, Result};
 use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Seen, Sighting, StepInfo, Taken};
 use crate::geometry::{moved_by, Pose, Symmetric2};
-use crate::landmark::{fit_with_tail, Fit, Measured};
+use crate::landmark::{first_sighting, fit_with_tail, Fit, Measured};
 use crate::limits::LARGEST_STATE;
 use crate::math::wrap_angle;
 use crate::measurement::{Placing, RangeBearing};
@@ -307,16 +308,16 @@ impl<M: Placing> EkfSlam<M> {
         };
         let known: Vec<(usize, u32, u32)> =
             scan.iter().enumerate().filter_map(|(j, s)| slot(self, s).map(|(name, index)| (j, name, index))).collect();
-        let gate = IMPLAUSIBLE * self.state.watch.noise.usual_excess();
+        let excess = self.state.watch.noise.usual_excess();
         let implausible = |&(j, _, index): &(usize, u32, u32)| {
             let view = self.view(index, &scan[j].measured);
-            fit_with_tail(view.innovation, view.s, scan[j].measured.tail).mahalanobis_squared > gate
+            fit_with_tail(view.innovation, view.s, scan[j].measured.tail).mahalanobis_squared > IMPLAUSIBLE * excess
         };
         let misfits: Vec<(usize, u32, u32)> = known.iter().copied().filter(implausible).collect();
-        if !self.state.watch.names.may_doubt(known.len(), misfits.len()) {
-            return;
-        }
-        for &(j, identity, index) in misfits.iter().rev() {
+        let all: Vec<Misplaced> =
+            misfits.iter().map(|(j, name, index)| self.misplaced(&scan[*j].measured, *name, *index)).collect();
+        let believed = self.state.watch.names.believe(known.len(), &all, excess);
+        for (&(j, identity, index), _) in misfits.iter().zip(believed).rev().filter(|(_, believed)| !believed) {
             let misfit = self.misfit(&scan[j], identity, index);
             if self.state.watch.names.doubt(&misfit) == Doubt::Move {
                 self.state.landmarks[index as usize].is_given_up = true;
@@ -327,6 +328,15 @@ impl<M: Placing> EkfSlam<M> {
                 info.left_out.ignored += 1;
             }
         }
+    }
+
+    /// Where the map has a landmark, and where a sighting shows it.
+    ///
+    /// **Why:** beside the pose's error, which all landmarks share, one is known as well as by a sighting.
+    fn misplaced(&self, measured: &Measured, identity: u32, index: u32) -> Misplaced {
+        let sensor = self.state.pose.compose(self.T_robot_sensor);
+        let shown = first_sighting(&self.model, sensor, measured.value, measured.noise);
+        Misplaced::new(identity, (self.landmark_mean(index), shown.covariance), (shown.mean, shown.covariance))
     }
 
     fn misfit(&self, sighting: &ScanSighting, identity: u32, index: u32) -> Misfit {
@@ -343,7 +353,8 @@ impl<M: Placing> EkfSlam<M> {
             position_m: self.landmark_mean(index),
             sightings: self.state.landmarks[index as usize].sightings,
         };
-        Misfit { identity, position_m: self.model.inverse(sensor, measured.value), agrees, held }
+        let position_m = self.model.inverse(sensor, measured.value);
+        Misfit { identity, position_m, agrees, held, may_be_drift: false }
     }
 
     /// Names that were seen at two places.

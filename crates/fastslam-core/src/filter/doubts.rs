@@ -47,11 +47,16 @@ pub(super) fn ask_for_draw<M>(setup: &Setup<M>, state: &State, doubts: &[Doubt])
     let Some(rejuvenation) = &state.rejuvenation else { return false };
     let Some(need) = rejuvenation.need.as_ref().filter(|need| need.is_affordable()) else { return false };
     let Some(longest) = doubts.iter().map(|doubt| doubt.ago).max() else { return false };
-    let since_draw = need.drift.steps() - rejuvenation.last.min(need.drift.steps());
-    let back = (longest / 2).min(since_draw);
     setup.settings.config.algorithm == Algorithm::Fastslam2
         && rejuvenation.history.is_between_steps()
-        && state.path.distinct_ancestors(back) < 2
+        && have_forgotten(state, need, longest)
+}
+
+/// Whether the particles go back to one at the half of the way of so many steps, and to one at the last draw.
+pub(super) fn have_forgotten(state: &State, need: &Need, steps: usize) -> bool {
+    let last_draw = state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.last);
+    let since_draw = need.drift.steps() - last_draw.min(need.drift.steps());
+    state.path.distinct_ancestors((steps / 2).min(since_draw)) < 2
 }
 
 /// Takes the landmarks from the candidates that no particle can tell from others; what they explain founds landmarks,
@@ -89,7 +94,7 @@ pub(super) fn note_need<M: Placing>(
 }
 
 /// Whether a landmark that may lie anywhere in an area is one of several, and most particles look beside it.
-fn is_ambiguous(area_m2: f64, density: f64, sensor_m2: f64) -> bool {
+pub(super) fn is_ambiguous(area_m2: f64, density: f64, sensor_m2: f64) -> bool {
     area_m2 > MOST_GATES * sensor_m2 && area_m2 * density > MOST_RIVALS
 }
 
@@ -164,7 +169,7 @@ impl<'a, M: Placing> Knowledge<'a, M> {
 }
 
 /// Area in which a particle looks for a landmark that it expects here, square metres.
-fn gate_m2<M: Placing>(setup: &Setup<M>, at: [f64; 2], from: Pose) -> f64 {
+pub(super) fn gate_m2<M: Placing>(setup: &Setup<M>, at: [f64; 2], from: Pose) -> f64 {
     let range_m = (at[0] - from.x).hypot(at[1] - from.y);
     let noise = setup.models.measurement.noise_covariance();
     let exponent = setup.settings.config.filter.likelihood_exponent;

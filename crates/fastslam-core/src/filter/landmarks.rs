@@ -5,6 +5,7 @@ use super::fading::Fading;
 use crate::association::{Box2, Grid, Identities, ScanSighting};
 use crate::config::Config;
 use crate::gaussian::Gaussian;
+use crate::geometry::Symmetric2;
 use crate::given::GivenLandmark;
 use crate::landmark::column;
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreUsage};
@@ -215,6 +216,15 @@ impl Landmarks {
     /// Appends the rows of a landmark in particle order, column after column.
     pub fn append_rows(&mut self, slot: u32, out: &mut Vec<f64>) {
         self.store.append_rows(slot, out);
+    }
+
+    /// One particle's landmark, and how often it was seen; `None` where it holds none.
+    pub fn held_by(&self, particle: usize, slot: u32) -> Option<(Gaussian, u32)> {
+        let mut row = [0.0; column::COUNT];
+        let found = self.read_row(slot, particle, &mut row[..self.columns()]);
+        let covariance = Symmetric2::new(row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]);
+        let mean = [row[column::MEAN_X], row[column::MEAN_Y]];
+        (found && row[column::SIGHTINGS] > 0.0).then(|| (Gaussian { mean, covariance }, row[column::SIGHTINGS] as u32))
     }
 
     /// One particle's landmark; false when it is absent.

@@ -30,6 +30,7 @@ mod propose;
 mod rejuvenation;
 mod remember;
 mod resample;
+mod returns;
 mod rounds;
 mod sample;
 pub mod settings;
@@ -116,7 +117,7 @@ impl<M: Placing> FastSlam<M> {
         let Settings { config, identities, gate_radius, .. } = &setup.settings;
         let mut landmarks = Landmarks::new(config, *identities, setup.cell_m(), *gate_radius);
         landmarks.set_workers(&setup.workers);
-        let (state, work) = (State::new(config, *identities, landmarks), Work::new(&setup.workers));
+        let (state, work) = (State::new(config, landmarks), Work::new(&setup.workers));
         Ok(Self { setup, state, work, rounds: Vec::new() })
     }
 

@@ -1,18 +1,19 @@
 //! Sightings whose name cannot be right, with known identities.
 
-use super::landmarks::Landmarks;
+use super::returns::misplaced;
 use super::setup::Setup;
 use super::state::State;
 use super::StepInfo;
 use crate::association::ScanSighting;
+use crate::diagnosis::misfits::Misplaced;
 use crate::diagnosis::names::{Doubt, Misfit, NamedPlace, IMPLAUSIBLE};
 use crate::geometry::Symmetric2;
-use crate::landmark::{column, Gaussian, Measured};
+use crate::landmark::{Gaussian, Measured};
 use crate::measurement::Placing;
 use crate::sighting::{Seen, Taken};
 
-/// Leaves out the sightings of a scan that name a landmark which no particle can have seen there, while the others fit;
-/// removes landmarks that were founded by such a sighting.
+/// Leaves out the sightings of a scan that name a landmark which no particle can have seen there, unless others agree
+/// that it is the robot which is elsewhere; removes landmarks that were founded by such a sighting.
 pub(super) fn doubt_names<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
@@ -20,22 +21,24 @@ pub(super) fn doubt_names<M: Placing>(
     scan: &mut Vec<ScanSighting>,
     info: &mut StepInfo,
 ) {
-    let mut known = 0;
-    let mut misfits: Vec<usize> = Vec::new();
-    let best = state.particles.best();
+    let excess = state.diagnosis.watch.noise.usual_excess();
+    let (best, mut known) = (state.particles.best(), 0);
+    let mut misfits: Vec<(usize, Misplaced)> = Vec::new();
     for (j, sighting) in scan.iter().enumerate() {
         let Some(slot) = state.landmarks.named(sighting) else { continue };
         known += 1;
         if is_implausible(setup, state, sighting, slot, best) {
-            misfits.push(j);
+            misfits.extend(misplaced(setup, state, sighting).map(|misfit| (j, misfit)));
         }
     }
-    if !state.diagnosis.watch.names.may_doubt(known, misfits.len()) {
-        return;
-    }
-    for &j in misfits.iter().rev() {
-        if doubt_name(setup, state, &scan[j]) == Doubt::LeaveOut {
-            let value = scan.remove(j).measured.value;
+    let all: Vec<Misplaced> = misfits.iter().map(|(_, misfit)| *misfit).collect();
+    let believed = state.diagnosis.watch.names.believe(known, &all, excess);
+    for ((j, misfit), believed) in misfits.iter().zip(believed).rev() {
+        if believed {
+            let returns = state.rejuvenation.as_mut().map(|rejuvenation| &mut rejuvenation.returns);
+            returns.into_iter().for_each(|returns| returns.are_sure |= misfit.turn.is_some());
+        } else if doubt_name(setup, state, &scan[*j], misfit.turn.is_some()) == Doubt::LeaveOut {
+            let value = scan.remove(*j).measured.value;
             seen.push(Seen { value, taken: Taken::Nothing });
             info.left_out.ignored += 1;
         }
@@ -54,14 +57,14 @@ fn is_implausible<M: Placing>(
     let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
     let others = (0..state.particles.len()).filter(|i| *i != first);
     std::iter::once(first).chain(others).all(|particle| {
-        held_by(&state.landmarks, particle, slot).is_none_or(|(landmark, _)| {
+        state.landmarks.held_by(particle, slot).is_none_or(|(landmark, _)| {
             let belief = state.belief_of(setup.settings.config.algorithm, particle);
             belief.fit(model, T_robot_sensor, &landmark, &sighting.measured).mahalanobis_squared > gate
         })
     })
 }
 
-fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSighting) -> Doubt {
+fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSighting, may_be_drift: bool) -> Doubt {
     let best = state.particles.best();
     let (Some(identity), Some(slot)) = (sighting.identity, state.landmarks.named(sighting)) else {
         return Doubt::LeaveOut;
@@ -69,7 +72,9 @@ fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSi
     let belief = state.belief_of(setup.settings.config.algorithm, best);
     let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
     let position_m = model.inverse(belief.mean.compose(T_robot_sensor), sighting.measured.value);
-    let held = held_by(&state.landmarks, best, slot)
+    let held = state
+        .landmarks
+        .held_by(best, slot)
         .map_or(NamedPlace::default(), |(landmark, sightings)| NamedPlace { position_m: landmark.mean, sightings });
     let names = &mut state.diagnosis.watch.names;
     let agrees = names.other_place(identity).is_some_and(|mean| {
@@ -78,7 +83,7 @@ fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSi
         let measured = Measured { noise: sighting.measured.noise.scaled(2.0), ..sighting.measured };
         belief.fit(model, T_robot_sensor, &landmark, &measured).mahalanobis_squared <= IMPLAUSIBLE
     });
-    let doubt = names.doubt(&Misfit { identity, position_m, agrees, held });
+    let doubt = names.doubt(&Misfit { identity, position_m, agrees, held, may_be_drift });
     // No sighting founded a landmark of a given map.
     if state.given.of(state.landmarks.birth(slot)).is_some() {
         return Doubt::LeaveOut;
@@ -88,13 +93,4 @@ fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSi
         state.particles.landmarks.iter_mut().for_each(|count| *count = count.saturating_sub(1));
     }
     doubt
-}
-
-/// A landmark as a particle has it, and how often it was seen.
-fn held_by(landmarks: &Landmarks, particle: usize, slot: u32) -> Option<(Gaussian, u32)> {
-    let mut row = [0.0; column::COUNT];
-    let found = landmarks.read_row(slot, particle, &mut row[..landmarks.columns()]);
-    let covariance = Symmetric2::new(row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]);
-    let mean = [row[column::MEAN_X], row[column::MEAN_Y]];
-    (found && row[column::SIGHTINGS] > 0.0).then(|| (Gaussian { mean, covariance }, row[column::SIGHTINGS] as u32))
 }

@@ -14,7 +14,7 @@ const FEWEST_PARTICLES: usize = 100;
 const SUSPECTS: u32 = 3;
 /// So many say that a part of the map is being made a second time, and a draw may cost more.
 const MANY_SUSPECTS: u32 = 15;
-/// Work that all draws may take together then, in terms of that of the filter.
+/// Work that all draws may take together then, and where names close a loop, in terms of that of the filter.
 const OVERDRAFT: f64 = 6.0;
 
 /// What the decision when to draw needs to remember.
@@ -99,10 +99,31 @@ impl Need {
         (self.drift.of_place(place, since), self.drift.steps().saturating_sub(since + 1))
     }
 
+    /// Whether a draw now is within what all may take where a loop is sure.
+    pub fn is_affordable_for_sure(&self) -> bool {
+        self.costs_within(OVERDRAFT)
+    }
+
     /// Whether enough suspects ask for a draw that can be paid.
     pub fn asks(&self) -> bool {
-        let many = self.suspects >= MANY_SUSPECTS && self.costs_within(OVERDRAFT);
+        let many = self.suspects >= MANY_SUSPECTS && self.is_affordable_for_sure();
         self.suspects >= self.enough && (self.is_affordable() || many)
+    }
+}
+
+/// What names say of drift since the last draw.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(super) struct Returns {
+    /// Whether sightings were believed that show how far the robot has drifted.
+    pub are_sure: bool,
+    /// Whether the scan at hand shows a landmark since whose last sighting the particles have forgotten the way.
+    pub are_forgotten: bool,
+}
+
+impl Returns {
+    /// Whether paths must be drawn anew after the scan, and that can be paid.
+    pub fn ask(&self, need: &Need) -> bool {
+        (self.are_sure && need.is_affordable_for_sure()) || (self.are_forgotten && need.is_affordable())
     }
 }
 

@@ -11,12 +11,13 @@
 use super::estimate::estimate_beliefs;
 use super::landmarks::Landmarks;
 use super::merging::Unions;
-use super::need::Need;
+use super::need::{Need, Returns};
 use super::propose::propose;
 use super::setup::Setup;
 use super::state::{Rejuvenation, State};
 use super::work::Work;
 use crate::association::Identities;
+use crate::diagnosis::names::IMPLAUSIBLE;
 use crate::geometry::Pose;
 use crate::landmark::{column, Gaussian};
 use crate::math;
@@ -58,7 +59,7 @@ pub(super) fn rejuvenation_is_due<M>(setup: &Setup<M>, state: &State) -> bool {
     let settings = &setup.settings.config.filter.rejuvenation;
     state.rejuvenation.as_ref().is_some_and(|r| {
         if let Some(need) = &r.need {
-            return need.asks();
+            return need.asks() || r.returns.ask(need);
         }
         let least = f64::from(settings.every_steps.unwrap_or(0)).max(settings.growth * r.last as f64);
         (r.history.steps() - r.last) as f64 >= least
@@ -82,23 +83,30 @@ pub(super) fn rejuvenate<M: Placing>(setup: &Setup<M>, state: &mut State, work: 
     let Some(rejuvenation) = &mut state.rejuvenation else { return false };
     rejuvenation.count += u64::from(anew.is_some());
     rejuvenation.last = rejuvenation.history.steps();
-    rejuvenation.merged = anew.as_ref().map_or(0, |(_, merges)| merges.len() as u32);
-    if let Some((trajectory, merges)) = &anew {
+    rejuvenation.merged = anew.as_ref().map_or(0, |anew| anew.merges.len() as u32);
+    if let Some(Anew { trajectory, merges, misread }) = &anew {
         rejuvenation.history.resample(&work.ancestor_indices);
+        rejuvenation.history.forget(misread);
         if let Some(need) = &mut rejuvenation.need {
             need.drawn(cost.get(), merges, (&rejuvenation.history, trajectory));
+            rejuvenation.returns = Returns::default();
         }
     }
     anew.is_some()
 }
 
-/// Returns the path and the births of landmarks that went over into others (younger, older); `None` when nothing was done.
-fn start_anew<M: Placing>(
-    setup: &Setup<M>,
-    state: &mut State,
-    work: &mut Work,
-    cost: &Cell<f64>,
-) -> Option<(Trajectory, Vec<[u32; 2]>)> {
+/// What a draw has found.
+struct Anew {
+    /// The likeliest path.
+    trajectory: Trajectory,
+    /// Births of landmarks that went over into others: younger, older.
+    merges: Vec<[u32; 2]>,
+    /// Sightings whose names cannot be right.
+    misread: Vec<u32>,
+}
+
+/// `None` when nothing was done.
+fn start_anew<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, cost: &Cell<f64>) -> Option<Anew> {
     let Rejuvenation { history, .. } = state.rejuvenation.as_ref()?;
     let settings = &setup.settings.config.filter.rejuvenation;
     let window = settings.window_steps.map_or(usize::MAX, |steps| steps as usize);
@@ -107,6 +115,7 @@ fn start_anew<M: Placing>(
     let mut graph = graph_of(setup, state, &places, first_free, cost)?;
     let trajectory = trajectory(setup, state, first_free)?;
     let mode = graph.solve(graph.guess(trajectory, |sights| places[&sights.birth].1))?;
+    let (mode, misread) = leave_out_misread(setup, state, &mut graph, mode);
     let stream = stream_of(setup, state);
     let (mode, merges) = close_loops(setup, state, &mut graph, mode, &places);
     let sampling = Sampling { stream, count: state.particles.len(), spread: settings.spread };
@@ -126,7 +135,20 @@ fn start_anew<M: Placing>(
     if !merges.is_empty() {
         unions.closed();
     }
-    Some((trajectory, merges))
+    Some(Anew { trajectory, merges, misread })
+}
+
+/// The mode without the sightings whose names cannot be right.
+fn leave_out_misread<M: Placing>(
+    setup: &Setup<M>,
+    state: &State,
+    graph: &mut Graph<'_, M>,
+    mode: Mode,
+) -> (Mode, Vec<u32>) {
+    match setup.settings.identities {
+        Identities::All => graph.without_misread(mode, IMPLAUSIBLE * state.diagnosis.watch.noise.usual_excess()),
+        _ => (mode, Vec::new()),
+    }
 }
 
 /// Random numbers of this draw.

@@ -30,6 +30,11 @@ fn remember_named(state: &mut State, scan: &[ScanSighting], named: &[Option<u32>
     let birth = |slot: &Option<u32>| slot.map_or(NO_LANDMARK, |slot| state.landmarks.birth(slot) as u32);
     let births: Vec<u32> = named.iter().map(birth).collect();
     rejuvenation.history.explained_alike(scan.iter().map(|s| s.measured), &births);
+    let Some(need) = &mut rejuvenation.need else { return };
+    need.scanned(scan.len(), state.particles.len());
+    for slot in named.iter().flatten() {
+        need.sighted(state.given.clan(state.landmarks.birth(*slot)) as u32);
+    }
 }
 
 /// Remembers a scan with every particle's decisions; sightings taken for new landmarks made those of `births`.

@@ -5,6 +5,7 @@ use super::names::doubt_names;
 use super::propose::{keeps_motion_pending, propose};
 use super::rejuvenation::{merged_by_draw, rejuvenate, rejuvenation_is_due, remember_step};
 use super::remember::see_named;
+use super::returns::note_returns;
 use super::settings::Algorithm;
 use super::setup::Setup;
 use super::state::State;
@@ -69,6 +70,7 @@ pub(super) fn process_rounds<M: Placing>(
     work.seen.clear();
     if names_known {
         rounds.iter_mut().for_each(|round| doubt_names(setup, state, &mut work.seen, round, info));
+        note_returns(setup, state, rounds);
     }
     info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
     state.diagnosis.watch.begin(stamp_s, info.sightings);

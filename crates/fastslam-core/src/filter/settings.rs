@@ -101,8 +101,8 @@ impl Default for AdaptiveConfig {
 #[serde(default, deny_unknown_fields)]
 pub struct RejuvenationConfig {
     /// Draw by a schedule: fewest steps (with sightings) between two draws; 0 for none at all, the plain filter. Without
-    /// it draws follow need where identities are not all known (a loop in sight, landmarks founded where old ones may
-    /// lie, the end of the log), and there are none where all are.
+    /// it draws follow need: a loop in sight, landmarks founded where old ones may lie, names that show how far the robot
+    /// has drifted, the end of the log.
     pub every_steps: Option<u32>,
     /// Fewest steps between two draws as a fraction of the log so far: with more than 0 the time for all draws together
     /// stays in proportion to the log.

@@ -3,10 +3,10 @@
 use super::given::Given;
 use super::landmarks::Landmarks;
 use super::merger::Merger;
-use super::need::Need;
+use super::need::{Need, Returns};
 use super::particles::{Particles, PoseEstimate};
 use super::settings::Algorithm;
-use crate::association::{Belief, Identities};
+use crate::association::Belief;
 use crate::config::Config;
 use crate::diagnosis::health::{View, Watch};
 use crate::diagnosis::NoiseReport;
@@ -85,15 +85,17 @@ pub(super) struct Rejuvenation {
     pub merged: u32,
     /// Where draws follow need, what that needs.
     pub need: Option<Need>,
+    /// What names say of drift; behind the others in a snapshot, which older formats did not have.
+    #[serde(skip)]
+    pub returns: Returns,
 }
 
 impl Rejuvenation {
     /// What the configuration asks for; `None` where paths are never drawn anew.
-    fn of(config: &Config, identities: Identities) -> Option<Self> {
+    fn of(config: &Config) -> Option<Self> {
         let by_need = match config.filter.rejuvenation.every_steps {
             Some(0) => return None,
             Some(_) => false,
-            None if identities == Identities::All => return None,
             None => true,
         };
         let need = by_need.then(|| Need::new(config.initial_pose.T_world_robot()));
@@ -149,14 +151,14 @@ impl State {
     }
 
     /// At the configured initial pose, with these maps.
-    pub fn new(config: &Config, identities: Identities, landmarks: Landmarks) -> Self {
+    pub fn new(config: &Config, landmarks: Landmarks) -> Self {
         let (start, particles) = (config.initial_pose.T_world_robot(), config.filter.particles as usize);
         Self {
             particles: Particles::at(start, particles),
             weights: Weights { values: vec![1.0 / particles as f64; particles], ..Weights::default() },
             landmarks,
             path: PathForest::new(particles),
-            rejuvenation: Rejuvenation::of(config, identities),
+            rejuvenation: Rejuvenation::of(config),
             motions: Motions::default(),
             counters: Counters::default(),
             merger: Merger::default(),

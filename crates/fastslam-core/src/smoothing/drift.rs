@@ -59,6 +59,11 @@ impl Drift {
         self.last = after;
     }
 
+    /// Variance of the turn since a step, rad².
+    pub fn of_heading(&self, since: usize) -> f64 {
+        self.sums[self.steps()].heading - self.sums[(since + 1).min(self.steps())].heading
+    }
+
     /// The covariance of where a place lies that the robot related to at step `since`, relative to the robot now (in
     /// the directions of the world), m².
     pub fn of_place(&self, place: [f64; 2], since: usize) -> Symmetric2 {

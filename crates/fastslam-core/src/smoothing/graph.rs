@@ -419,7 +419,7 @@ pub(super) struct View {
     /// Precision that it counts with.
     pub weight: [[f64; 2]; 2],
     /// νᵀ R⁻¹ ν.
-    distance: f64,
+    pub distance: f64,
 }
 
 /// How far a motion is from what the odometry says, in the frame of its start, with the derivatives by both poses.

@@ -168,6 +168,20 @@ impl History {
         self.explanations.len() as u32 - 1
     }
 
+    /// Takes sightings from the landmarks that they were given to, in all pasts.
+    pub fn forget(&mut self, sightings: &[u32]) {
+        let is_of = |explanation: &Explanation, sighting: u32| {
+            sighting.checked_sub(explanation.first_sighting).filter(|j| *j < explanation.count)
+        };
+        for &sighting in sightings {
+            for explanation in &self.explanations {
+                if let Some(j) = is_of(explanation, sighting) {
+                    self.choices[(explanation.first_choice + j) as usize] = NO_LANDMARK;
+                }
+            }
+        }
+    }
+
     /// Particle i takes over the past of the former particle `ancestor_indices[i]`.
     pub fn resample(&mut self, ancestor_indices: &[u32]) {
         self.tips = ancestor_indices.iter().map(|&a| self.tips[a as usize]).collect();

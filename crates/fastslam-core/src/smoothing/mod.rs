@@ -17,6 +17,7 @@ mod factor;
 mod graph;
 mod guess;
 mod history;
+mod misread;
 mod rows;
 
 pub use border::{Anchors, Bordered, Priors};
