@@ -9,12 +9,14 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from fastslam import Anywhere, Map, Start, run
 from fastslam.errors import DataError
 from fastslam.live import live
+from fastslam.localisation import between
 from fastslam.log import Log
 from fastslam.robot import Robot, Step
 from fastslam.simulation import simulate
@@ -203,3 +205,61 @@ def later(log: Log, begin_s: float) -> Log:
         return replace(columns, **fields)  # type: ignore[type-var]
 
     return replace(log, controls=rows(log.controls), sightings=rows(log.sightings))  # type: ignore[arg-type]
+
+
+def carried(log: Log, from_s: float, until_s: float) -> Log:
+    """The log of a robot that was carried away: what lies between two moments did not happen."""
+
+    def cut(columns: Any) -> Any:
+        kept = (columns.stamp_s < from_s) | (columns.stamp_s >= until_s)
+        picked = {name: None if value is None else value[kept] for name, value in vars(columns).items()}
+        later = picked["stamp_s"] >= until_s
+        picked["stamp_s"] = picked["stamp_s"] - np.where(later, until_s - from_s, 0.0)
+        return replace(columns, **picked)
+
+    return replace(log, controls=cut(log.controls), sightings=cut(log.sightings))
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_a_robot_that_is_carried_away_is_searched_for_again(seed: int) -> None:
+    log = anonymous(simulate({"seed": seed, "world": {"count": 40}, "max_duration_s": 70.0}))
+    chart = run(log, {**UNKNOWN, "seed": 9}).map
+    robot = Robot(configured(log), identities="none", map=chart, start=Start(std=(0.1, 0.1, 0.02)))
+    away = carried(log, 20.0, 45.0)
+    first = driven(robot, away, until_s=23.0)
+    assert robot.searching and first[-1].info.health == "lost" and first[-1].stamp_s < 23.0
+    with pytest.raises(DataError, match="still searched for"):
+        _ = robot.pose
+    robot = pickle.loads(pickle.dumps(robot))
+    later = driven(robot, between(away, 23.0, math.inf))
+    assert not robot.searching and later[-1].info.health == "ok"
+    truth = log.truth_trajectory
+    assert truth is not None
+    for step in (*first, *later):
+        moved = step.stamp_s + (25.0 if step.stamp_s >= 20.0 else 0.0)
+        row = min(int(np.searchsorted(truth.stamp_s, moved)), len(truth.stamp_s) - 1)
+        off_m = np.hypot(*(step.T_world_robot[:2] - truth.T_world_robot[row, :2]))
+        assert off_m < 0.6 or step.info.health in ("degraded", "lost")
+    assert later[0].stamp_s < 24.0
+
+
+def test_a_robot_is_searched_for_when_asked(log: Log, chart: Map) -> None:
+    robot = Robot(configured(log), identities="none", map=chart, start=Start(3.0, 4.0, 1.0))
+    driven(robot, log, until_s=5.0)
+    robot.relocalize()
+    assert robot.searching and robot.modes == ()
+    driven(robot, between(log, 5.0, math.inf))
+    assert not robot.searching
+    stamp_s, mean, _ = robot.pose
+    truth = log.truth_trajectory
+    assert truth is not None
+    row = min(int(np.searchsorted(truth.stamp_s, stamp_s)), len(truth.stamp_s) - 1)
+    assert np.hypot(*(mean[:2] - truth.T_world_robot[row, :2])) < 0.6
+    with pytest.raises(DataError, match="needs a map"):
+        Robot(configured(log)).relocalize()
+
+
+def test_a_robot_that_was_given_a_wide_start_is_not_searched_for(log: Log, chart: Map) -> None:
+    robot = Robot(configured(log), identities="none", map=chart, start=Start(std=(2.0, 2.0, 0.5)))
+    driven(robot, log, until_s=20.0)
+    assert not robot.searching

@@ -12,7 +12,7 @@ from ._given import shown
 from .errors import DataError
 from .log import Floats
 from .result import LandmarkMap
-from .robot import Robot, Step
+from .robot import Robot
 
 if TYPE_CHECKING:
     from .localisation import Mode

@@ -6,7 +6,7 @@ import json
 import threading
 from collections import ChainMap
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 from . import _core
 from .config import Config
 from .errors import DataError, NumericalError
-from .filter import StepInfo, checked_control, core_errors, landmark_map, step_info
+from .filter import checked_control, core_errors, landmark_map, step_info
 from .log import Floats, Log
+from .lost import Lost
 from .maps import Anywhere, Changes, Map, StartLike, changes, core_start
 from .result import LandmarkMap, RunResult, Trajectory
 from .rows import Row
@@ -32,36 +33,13 @@ from .scan_call import (
 from .scanner import Scanner, checked_turn
 from .sensors import Sensor, adapted, own_layer
 from .settings import Layer
+from .window import Step as Step
+from .window import Window as Window
 
 if TYPE_CHECKING:
     from .localisation import Mode
     from .searching import RobotSearch
     from .watching import View
-
-
-@dataclass(frozen=True)
-class Window:
-    """What may come when, in seconds of the rows' own stamps; no clock is asked.
-
-    A row may be `late_s` older than the newest one: nothing is computed before, so this is also how far the
-    map lags. Sightings wait `wait_s` for the row of odometry after them; then the robot is taken to move on
-    as it did (where odometry is a speed) or to stand (where it is a displacement). A row further than `gap_s`
-    ahead of all others is refused, unless another row confirms that the clock was set.
-    """
-
-    late_s: float = 0.2
-    wait_s: float = 2.0
-    gap_s: float = 60.0
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step of the filter: when, pose (3,) and covariance (3, 3) as x, y, heading, and what happened."""
-
-    stamp_s: float
-    T_world_robot: Floats
-    covariance: Floats
-    info: StepInfo
 
 
 class Robot:
@@ -86,7 +64,8 @@ class Robot:
     a pose that is not known exactly (`fastslam.maps.Start`), or one of several. With `start=Anywhere()` it
     makes a map of its own until that fits the kept one at one place alone: until then it is `searching`, no
     steps are returned, `modes` says where it may be, and what needs a place in the map is a `DataError`.
-    Then the rows so far are taken anew from there, and their steps returned.
+    Then the rows so far are taken anew from there, and their steps returned. A robot in a map that is lost
+    for longer than `lost.LOST_S` is searched for again in the same way; so is one by `relocalize`.
 
     `sensor` is one of your own (`fastslam.sensors.Sensor`), as for `FastSlam`. With `scanner` the robot takes
     raw turns of a laser by `scan`, and detects landmarks in them itself.
@@ -170,6 +149,7 @@ class Robot:
         self._chart = None
         self._search = None
         self._step = None
+        self._lost = Lost()
         self._refused = {}
         self._unexplained = 0
         self._ended = False
@@ -231,6 +211,15 @@ class Robot:
     def _when_seen(self, stamp_s: float) -> float:
         stamp, delay_s = checked_stamp(stamp_s), self.config["sensor"]["delay_s"]
         return stamp - delay_s if delay_s else stamp
+
+    def relocalize(self) -> None:
+        """Searches for the robot in its map, from here on and as with `start=Anywhere()`.
+
+        What it learnt on the way since it began in the map is given up. Errors: `DataError` without a map.
+        """
+        with self._lock:
+            self._check_going_on()
+            self._search_anew()
 
     def end(self) -> tuple[Step, ...]:
         """Takes the rows that still wait, and lets the filter learn what it can from the whole drive."""
@@ -399,6 +388,7 @@ class Robot:
                 search=None if self._search is None else self._search.to_json(),
                 stream=[self._kind, self._window],
                 refused=self._refused or None,
+                lost_since_s=self._lost.since_s,
                 scanner=self._scanner,
             )
             return self._stream.save(kept)
@@ -418,6 +408,7 @@ class Robot:
         if "stream" in kept:
             self._kind, self._window = kept["stream"][0], tuple(kept["stream"][1])
         self._refused = kept.get("refused", {})
+        self._lost = Lost(kept.get("lost_since_s"))
         self._scanner = tuple(kept["scanner"]) if "scanner" in kept else None
         if "chart" in kept:
             from .searching import chart_of_json, search_of_json
@@ -447,6 +438,8 @@ class Robot:
                 self._kept.append(row)
         steps = self._computed()
         if self._search is None:
+            if self._chart is not None and self._lost.is_settled(steps):
+                self._search_anew()
             return became, steps
         due = self._step is not None and self._search.is_due(self._step.stamp_s)
         return became, self._searched(self._search) if due else ()
@@ -454,15 +447,11 @@ class Robot:
     def _searched(self, search: RobotSearch) -> tuple[Step, ...]:
         """Looks for the robot; where it is found, takes the rows anew from there."""
         start = search.look(self._stream, self._names()[:2])
-        if start is None and not search.has_given_up:
-            return ()
-        for name, count in self._stream.counts().items():
-            if name != "waiting":
-                self._refused[name] = self._refused.get(name, 0) + count
-        self._stream, self._step = self._fresh_stream(), None
         if start is None:
-            self._begin_search()
+            if search.has_given_up:
+                self._search_anew()
             return ()
+        self._renew_stream()
         self._search, self._unexplained = None, 0
         self._begin_in_map(start)
         steps: list[Step] = []
@@ -471,6 +460,17 @@ class Robot:
                 row.put(self._stream)
             steps += self._computed()
         return tuple(steps)
+
+    def _search_anew(self) -> None:
+        """Looks for the robot from the next row on."""
+        self._begin_search()
+        self._renew_stream()
+
+    def _renew_stream(self) -> None:
+        for name, count in self._stream.counts().items():
+            if name != "waiting":
+                self._refused[name] = self._refused.get(name, 0) + count
+        self._stream, self._step, self._lost = self._fresh_stream(), None, Lost()
 
     def _computed(self) -> tuple[Step, ...]:
         """The steps that the rows so far allow."""

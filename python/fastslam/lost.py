@@ -1,0 +1,34 @@
+"""When a robot in a kept map is to be searched for again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .window import Step
+
+LOST_S = 2.0
+"""A robot is searched for again that has been lost for so long."""
+_ELSEWHERE = {"sightings_unexplained", "innovations_too_large"}
+"""Reasons that say that it is somewhere else; that nobody knows where it started is none."""
+
+
+@dataclass
+class Lost:
+    """Since when a robot has been lost without a break; None while it is not."""
+
+    since_s: float | None = None
+
+    def is_settled(self, steps: Sequence[Step]) -> bool:
+        """Takes further steps; whether it has been lost for too long by now."""
+        for step in steps:
+            lost = step.info.health == "lost" and not _ELSEWHERE.isdisjoint(step.info.health_reasons)
+            if not lost:
+                self.since_s = None
+            elif self.since_s is None:
+                self.since_s = step.stamp_s
+            elif step.stamp_s - self.since_s >= LOST_S:
+                return True
+        return False
