@@ -112,6 +112,26 @@ _MapColumns: TypeAlias = tuple[Floats, Floats, Ints, Ints, Floats, Floats, Ints,
 _Start: TypeAlias = tuple[Floats, Floats | None]
 """Poses (n, 3); with a covariance (3, 3) the only one is the mean of a Gaussian."""
 
+_Marks: TypeAlias = tuple[Floats, Floats, Ints]
+"""Mean (n, 2), variance (n,), label (n,), -1 where nobody says."""
+
+class Chart:
+    """A map in which small ones are looked for; `names`: labels never differ."""
+
+    def __new__(cls, marks: _Marks, names: bool) -> Chart: ...
+    def placements(
+        self,
+        local: _Marks,
+        sensors: Floats,
+        reach_m: float,
+        half_view_rad: float,
+        effort: tuple[int, int],
+    ) -> tuple[Floats, Floats, Floats, Ints]:
+        """Poses (k, 3), covariances (k, 3, 3), log-odds and numbers of pairs of the likeliest places.
+
+        `effort` is how many are refined, and how many told at most.
+        """
+
 class Filter:
     """The filter, one control and one scan at a time; several threads may use it."""
 

@@ -13,6 +13,7 @@ from .errors import DataError
 from .log import Floats
 from .result import LandmarkMap
 from .robot import Robot
+from .window import Step
 
 if TYPE_CHECKING:
     from .localisation import Mode

@@ -20,6 +20,7 @@ from .result import LandmarkMap
 
 if TYPE_CHECKING:
     from . import _core
+    from .mapmerge import Merged, Part
     from .result import RunResult
 
 Role: TypeAlias = Literal["fixed", "prior"]
@@ -286,6 +287,37 @@ def changes(landmarks: LandmarkMap, chart: Map, columns: dict[str, np.ndarray]) 
         ),
         sighted=int(np.sum(sighted > 0)),
     )
+
+
+def merge(maps: Sequence[Map | Path | str]) -> Merged:
+    """Maps of several robots or days as one, in the frame of the first; nobody says how they lie.
+
+    Relative poses come from the landmarks alone, and so does which landmarks are one. Maps may overlap in
+    part, and one may join two others. Landmarks keep the ids of the first map that has them. `existence`
+    falls where a map that knows the place lacks a landmark.
+
+    >>> places = [(0, 0), (5, 1), (2, 6), (9, 4), (4, 9), (8, 8), (12, 1)]
+    >>> yard = Map.at({f"L{row}": place for row, place in enumerate(places)}, std_m=0.05)
+    >>> turned = Map.at({f"L{row}": (-y, x) for row, (x, y) in enumerate(places)}, std_m=0.05)
+    >>> merged = merge([yard, turned])
+    >>> len(merged.map.role), merged.parts[1].T_map_part.round(3).tolist()
+    (7, [0.0, 0.0, -1.571])
+
+    Errors: `DataError` where no overlap is found for sure, or several that are as likely.
+    """
+    from .mapmerge import merge
+
+    return merge([Map.load(one) if isinstance(one, Path | str) else one for one in maps])
+
+
+def align(chart: Map, onto: Map) -> tuple[Map, Part]:
+    """A map in the frame of another one, of a survey for one, and where it lies there; nobody says how.
+
+    Errors: as `merge`.
+    """
+    from .mapmerge import align
+
+    return align(chart, onto)
 
 
 def first_free_number(ids: Sequence[str]) -> int:

@@ -23,6 +23,7 @@ pub mod motion;
 pub mod normal;
 pub mod partial;
 pub mod path;
+pub mod placement;
 pub mod random;
 pub mod real;
 pub mod resampling;

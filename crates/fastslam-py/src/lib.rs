@@ -7,6 +7,7 @@ mod detect;
 mod filter;
 mod given;
 mod noise;
+mod placement;
 mod run;
 mod sensor;
 mod settings;
@@ -33,6 +34,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<stream::Stream>()?;
     module.add_class::<smoothing::LeastSquaresRows>()?;
     module.add_class::<smoothing::LeastSquares>()?;
+    module.add_class::<placement::Chart>()?;
     arena::register(module)?;
     detect::register(module)?;
     simulation::register(module)

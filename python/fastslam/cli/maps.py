@@ -1,9 +1,9 @@
-"""`fastslam map`: look at maps that are kept, check, draw, edit, compare and export them."""
+"""`fastslam map`: look at maps that are kept, check, draw, edit, compare, join and export them."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -11,7 +11,10 @@ from .console import make_table, stdout
 from .encoding import print_json
 from .options import Json
 
-app = typer.Typer(help="Look at maps that are kept; check, draw, edit, compare and export them.")
+if TYPE_CHECKING:
+    from ..mapmerge import Part
+
+app = typer.Typer(help="Look at maps that are kept; check, draw, edit, compare, join and export them.")
 
 MapPath = Annotated[Path, typer.Argument(help="Map: a folder, or a table of landmarks.", metavar="MAP")]
 Landmarks = Annotated[list[str] | None, typer.Option(metavar="ID,ID", help="Landmarks that are taken out.")]
@@ -129,6 +132,73 @@ def map_diff(
     rows += [("", name, "new") for name in found["new"]]
     title = f"{found['common']:,} in common, {found['rms_m']:.3f} m apart (RMS)"
     stdout().print(make_table(title, (first.name, second.name, ">moved (m)"), rows))
+
+
+@app.command("merge", short_help="Join maps of several robots or days; nobody says how they lie.")
+def map_merge(
+    paths: Annotated[
+        list[Path], typer.Argument(help="Maps: folders, or tables of landmarks.", metavar="MAP...")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the map.")] = Path("merged.map"),
+    json: Json = False,
+) -> None:
+    """Join maps in the frame of the first. How they lie on each other is found from the landmarks alone.
+
+    Where that is not sure nothing is written, and the exit code is 1.
+
+    \b
+    Examples:
+      fastslam map merge monday.map tuesday.map --out yard.map
+    """
+    from ..mapmerge import facts
+    from ..maps import merge
+
+    merged = merge(list(paths))
+    merged.map.save(out)
+    if json:
+        print_json(facts(merged))
+        return
+    rows = [_place(part) for part in merged.parts]
+    stdout().print(make_table(f"{out}: {len(merged.map.role):,} landmarks", _PLACE, rows))
+
+
+@app.command("align", short_help="Bring a map into the frame of another one.")
+def map_align(
+    path: MapPath,
+    onto: Annotated[Path, typer.Argument(help="The map, or survey, whose frame is wanted.", metavar="ONTO")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the map in that frame.")] = None,
+    json: Json = False,
+) -> None:
+    """Find how a map lies on another one, from the landmarks alone, and move it there.
+
+    Where that is not sure nothing is written, and the exit code is 1.
+
+    \b
+    Examples:
+      fastslam map align yard.map survey.csv --out surveyed.map
+    """
+    from ..mapmerge import part_facts
+    from ..maps import Map, align
+
+    aligned, part = align(Map.load(path), Map.load(onto))
+    if out is not None:
+        aligned.save(out)
+    if json:
+        print_json(part_facts(part))
+        return
+    stdout().print(make_table(f"{path} in the frame of {onto}", _PLACE, [_place(part)]))
+
+
+_PLACE = ("map", ">x (m)", ">y (m)", ">heading (rad)", ">in common", ">apart, RMS (m)")
+
+
+def _place(part: Part) -> tuple[str, ...]:
+    return (
+        part.name,
+        *(f"{value:.3f}" for value in part.T_map_part),
+        f"{part.pairs:,}",
+        f"{part.rms_m:.3f}",
+    )
 
 
 @app.command("export", short_help="Write a map as CSV, GeoJSON or g2o.")
