@@ -71,6 +71,10 @@ def test_maps_that_overlap_become_one_with_covariances_that_hold() -> None:
 def test_different_places_are_never_joined() -> None:
     with pytest.raises(DataError, match=r"no overlap found: b; no overlap found: c"):
         merge([chart(world(91, 40)), chart(world(92, 40), name="b"), chart(world(93, 40), name="c")])
+    for few in (0, 1, 4):
+        small = chart(world(94, few), name="small")
+        with pytest.raises(DataError, match="no overlap found: small"):
+            merge([chart(world(94, 40)), small])
     for seed in range(8):
         ours, theirs = chart(seen(world(seed, 100), np.random.default_rng(seed))), halves(seed + 500)[1]
         assert overlap(ours, theirs).status == "none"

@@ -71,6 +71,8 @@ class Overlap:
 
 def overlap(ours: Map, theirs: Map) -> Overlap:
     """Where another map lies on this one, from the landmarks alone."""
+    if min(len(ours.role), len(theirs.role)) < FEWEST_PAIRS:
+        return Overlap("none", ())
     found = _Pair(_side(ours), _side(theirs), _looks(ours, theirs)).overlays()
     likely = [one for one in found if one.log_odds >= SURE and len(one.pairs) >= FEWEST_PAIRS]
     if not likely:

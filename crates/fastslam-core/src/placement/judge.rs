@@ -95,7 +95,12 @@ impl Inquiry<'_> {
         let missed = self.missed(pose, &pairs) as f64 * math::ln(1.0 - SEEN);
         // The volume of the pose's Gaussian against that of all poses.
         let occam = 1.5 * math::ln(TAU) - 0.5 * factor.log_determinant() - math::ln(self.area_m2 * TAU);
-        Placement { pose, covariance: factor.inverse(), log_odds: fit + alone + missed + occam, matched: pairs.len() }
+        Placement {
+            pose,
+            covariance: symmetric(&factor.inverse()),
+            log_odds: fit + alone + missed + occam,
+            matched: pairs.len(),
+        }
     }
 
     /// How many landmarks of the map the sensor surely saw on its way that are not among the local ones.
@@ -121,4 +126,9 @@ impl Inquiry<'_> {
             .filter(|(row, count)| f64::from(*count) > least && !pairs.iter().any(|pair| pair.theirs == *row))
             .count()
     }
+}
+
+/// The matrix without what rounding has made of its two halves.
+fn symmetric(matrix: &Matrix3) -> Matrix3 {
+    std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (matrix[i][j] + matrix[j][i])))
 }

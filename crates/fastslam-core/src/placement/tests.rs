@@ -37,7 +37,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(40))]
 
     #[test]
-    fn a_local_map_is_found_where_it_was_made(seed in 1_u64..10_000, x in -9.0..9.0, y in -9.0..9.0, turn in -3.1..3.1) {
+    fn a_local_map_is_found_where_it_was_made(seed in 1_u64..10_000, x in -9.0..9.0_f64, y in -9.0..9.0_f64, turn in -3.1..3.1_f64) {
         let places = scattered(seed, 120, 25.0);
         let pose = Pose::new(x, y, turn);
         let chart = Chart::new(marks(&places, None), Labels::Classes);
@@ -51,11 +51,11 @@ proptest! {
     }
 
     #[test]
-    fn the_nearest_is_that_of_a_search_through_all(seed in 1_u64..10_000, count in 1_usize..60, x in -20.0..20.0, y in -20.0..20.0, reach in 0.0..30.0) {
+    fn the_nearest_is_that_of_a_search_through_all(seed in 1_u64..10_000, count in 1_usize..60, x in -20.0..20.0_f64, y in -20.0..20.0_f64, reach in 0.0..30.0_f64) {
         let places = scattered(seed, count, 10.0);
         let by_hand = places
             .iter()
-            .map(|p: &[f64; 2]| (p[0] - x).powi(2) + (p[1] - y).powi(2))
+            .map(|p| (p[0] - x).powi(2) + (p[1] - y).powi(2))
             .enumerate()
             .filter(|(_, distance2)| *distance2 <= reach * reach)
             .min_by(|a, b| a.1.total_cmp(&b.1));
@@ -120,7 +120,7 @@ fn a_symmetric_map_has_two_places_that_are_as_likely() {
     let told = Chart::new(labelled.clone(), Labels::Classes).placements(&local, &view(), EFFORT);
     assert!(told[0].log_odds > told[1].log_odds + 7.0);
     let names = Chart::new(labelled, Labels::Names).placements(&local, &view(), EFFORT);
-    assert!(names.iter().all(|placement| math::wrap_angle(placement.pose.heading).abs() > 3.0));
+    assert!(names[0].matched == 9 && math::wrap_angle(names[0].pose.heading).abs() > 3.0);
 }
 
 #[test]
