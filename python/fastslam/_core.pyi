@@ -122,13 +122,12 @@ class Chart:
     def placements(
         self,
         local: _Marks,
-        sensors: Floats,
-        reach_m: float,
-        half_view_rad: float,
+        seen: tuple[Floats, float, float],
         effort: tuple[int, int],
     ) -> tuple[Floats, Floats, Floats, Ints]:
         """Poses (k, 3), covariances (k, 3, 3), log-odds and numbers of pairs of the likeliest places.
 
+        `seen` is from where: poses of the sensor (t, 3), reach, half the field of view.
         `effort` is how many are refined, and how many told at most.
         """
 

@@ -78,7 +78,8 @@ def placements(
     """
     index = charted(chart) if isinstance(chart, Constellation) else chart
     sensors = np.ascontiguousarray(view.T_local_sensor, dtype=np.float64)
-    found = index.placements(_columns(local), sensors, view.reach_m, view.half_view_rad, (refined, most))
+    seen = (sensors, view.reach_m, view.half_view_rad)
+    found = index.placements(_columns(local), seen, (refined, most))
     return [
         Placement(pose, covariance, float(odds), int(count))
         for pose, covariance, odds, count in zip(*found, strict=True)

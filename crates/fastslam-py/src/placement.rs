@@ -11,6 +11,10 @@ use pyo3::prelude::*;
 #[derive(FromPyObject)]
 pub struct Marks<'py>(PyReadonlyArray2<'py, f64>, PyReadonlyArray1<'py, f64>, PyReadonlyArray1<'py, i64>);
 
+/// From where a local map was seen: poses of the sensor (t x 3) in its frame, reach in metres, half field of view.
+#[derive(FromPyObject)]
+pub struct Seen<'py>(PyReadonlyArray2<'py, f64>, f64, f64);
+
 /// Poses (k x 3), covariances (k x 3 x 3), log-odds (k) and how many were matched (k).
 type Places<'py> =
     (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i64>>);
@@ -27,28 +31,28 @@ impl Chart {
         Ok(Self(placement::Chart::new(marks_of(&marks)?, labels)))
     }
 
-    /// The likeliest places of a local map that was seen from poses (t x 3) in its frame, the best first.
-    #[pyo3(signature = (local, sensors, reach_m, half_view_rad, effort))]
+    /// The likeliest places of a local map, the best first; `effort` is how many are refined, and told at most.
     fn placements<'py>(
         &self,
         py: Python<'py>,
         local: Marks<'py>,
-        sensors: PyReadonlyArray2<'py, f64>,
-        reach_m: f64,
-        half_view_rad: f64,
+        seen: Seen<'py>,
         effort: (usize, usize),
     ) -> PyResult<Places<'py>> {
-        let sensors = sensors.as_array();
-        if sensors.ncols() != 3 || sensors.iter().any(|value| !value.is_finite()) {
-            return Err(PyValueError::new_err("sensors: expected finite poses (t x 3)"));
-        }
-        let local = marks_of(&local)?;
-        let sensors = sensors.rows().into_iter().map(|row| Pose::new(row[0], row[1], row[2])).collect();
-        let view = View { sensors, reach_m, half_view_rad };
+        let (local, view) = (marks_of(&local)?, view_of(&seen)?);
         let (refined, told) = effort;
         let found = py.detach(|| self.0.placements(&local, &view, Effort { refined, told }));
         Ok(columns(py, &found))
     }
+}
+
+fn view_of(Seen(sensors, reach_m, half_view_rad): &Seen<'_>) -> PyResult<View> {
+    let sensors = sensors.as_array();
+    if sensors.ncols() != 3 || sensors.iter().any(|value| !value.is_finite()) {
+        return Err(PyValueError::new_err("sensors: expected finite poses (t x 3)"));
+    }
+    let sensors = sensors.rows().into_iter().map(|row| Pose::new(row[0], row[1], row[2])).collect();
+    Ok(View { sensors, reach_m: *reach_m, half_view_rad: *half_view_rad })
 }
 
 fn columns<'py>(py: Python<'py>, found: &[Placement]) -> Places<'py> {
