@@ -165,7 +165,7 @@ def table(pool: Executor, seeds: range) -> str:
     print(*(f"merged though different: {name}" for name in joined), sep="\n", file=sys.stderr)
     most_m = [1.05 * float(np.median(column)) for column in (forest[:, 2], park[:, 0])]
     lines = [
-        f"| {len(seeds)} seeds, median (worst) | one run | merged | bar |",
+        f"| {len(seeds)} seed{'s' if len(seeds) > 1 else ''}, median (worst) | one run | merged | bar |",
         "|---|---|---|---|",
         f"| forest cut in two, relative pose | | {spread(forest[:, 0], 'm')} | 0.05 m |",
         f"| the same, heading | | {spread(forest[:, 1], 'rad', 4)} | |",
