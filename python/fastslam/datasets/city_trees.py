@@ -143,6 +143,4 @@ def _config(range_m: Floats) -> dict[str, Any]:
             "range_std_m": point_std_m,
             "bearing_std_rad": round(point_std_m * float(np.sqrt(np.mean(range_m**-2))), 4),
         },
-        # A tree is in view in every third step only, so that loops close late and far off.
-        "filter": {"rejuvenation": {"every_steps": 30, "growth": 0.02, "spread": 0.5}},
     }
