@@ -1,7 +1,7 @@
 """Measures the accuracy on the real logs and writes `docs/accuracy.md`.
 
     python experiments/accuracy/run.py [--seeds 10] [--particles 100] [--only NAME] [--workers N]
-        [--out docs/accuracy.md]
+        [--set KEY=VALUE] [--out docs/accuracy.md]
 
 The logs are read from the folder that the environment variable FASTSLAM_DATA names (default:
 `../shared/data`). Every row is a log; the figures are the median over the seeds and, in brackets, the worst.
@@ -20,7 +20,7 @@ from typing import Any
 
 import fastslam
 import numpy as np
-from fastslam.config import merge
+from fastslam.config import merge, parse_assignments
 from fastslam.datasets import load
 from fastslam.evaluation.metrics import evaluate
 
@@ -126,13 +126,15 @@ def main() -> None:
     parser.add_argument("--algorithm", default="fastslam2")
     parser.add_argument("--workers", type=int)
     parser.add_argument("--only", default="", help="part of a title")
+    parser.add_argument("--set", action="append", default=[], help="another setting, as KEY=VALUE")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     data = Path(os.environ.get("FASTSLAM_DATA", "../shared/data"))
     chosen = [case for case in cases() if arguments.only in case.title]
     if not chosen or not data.is_dir():
         parser.error(f"nothing to measure: no case matches {arguments.only!r}, or {data} is no folder")
-    overrides = {"algorithm": arguments.algorithm, "filter": {"particles": arguments.particles}}
+    named = {"algorithm": arguments.algorithm, "filter": {"particles": arguments.particles}}
+    overrides = merge(named, parse_assignments(arguments.set))
     with ProcessPoolExecutor(arguments.workers) as pool:
         futures = [
             [pool.submit(measure, case, data, overrides, seed) for seed in range(1, arguments.seeds + 1)]
