@@ -88,6 +88,19 @@ def test_results_folder_and_latest_link_by_default(
     assert (tmp_path / "results" / "latest").resolve() == folders[-1]
 
 
+def test_the_likeliest_of_several_seeds_is_kept(log: Path, tmp_path: Path) -> None:
+    settings = ("--association", "unknown", "--particles", "5", "--no-report", "--seed", "3")
+    outcome = fastslam("run", log, *settings, "--best-of", "3", "--out", tmp_path / "best")
+    assert outcome.exit_code == 0, outcome.stderr
+    tried = [line for line in outcome.stderr.splitlines() if line.startswith("seed ")]
+    assert [line.split(":")[0] for line in tried] == ["seed 3", "seed 4", "seed 5"]
+    kept = [line for line in tried if line.endswith(", kept")]
+    assert len(kept) == 1 and "nats, 6 landmarks" in kept[0]
+    assert read_result(tmp_path / "best").config["seed"] == int(kept[0].split(":")[0].removeprefix("seed "))
+    refused = fastslam("run", log, "--best-of", "2", "--runs", "2", "--out", tmp_path / "both")
+    assert refused.exit_code == 2 and "--best-of: goes with neither --runs nor" in refused.stderr
+
+
 def test_several_runs_give_means_with_confidence_intervals(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     arguments = ("--runs", "3", "--seed", "7", "--particles", "20", "--no-report")

@@ -11,7 +11,8 @@ import pytest
 from fastslam.datasets.clean import no_sightings
 from fastslam.errors import ConfigError, DataError
 from fastslam.result import RunResult
-from fastslam.runner import configure, run, run_many
+from fastslam.runner import best_of, configure, run, run_many
+from fastslam.simulation import resolve_simulation, simulate
 from small_log import LANDMARKS_M, make_small_log
 
 FEW: dict[str, Any] = {"filter": {"particles": 20}}
@@ -96,6 +97,23 @@ def test_run_many_counts_over_all_runs_and_stops_after_an_interrupt() -> None:
     assert calls[-1][0] == calls[-1][1] == 3 * len(results[0].steps.stamp_s)
     stopped: list[RunResult] = list(run_many(log, FEW, seeds=range(3), progress=interrupt))
     assert [result.interrupted for result in stopped] == [True]
+
+
+def test_the_likeliest_of_several_runs_is_kept() -> None:
+    log = simulate(resolve_simulation({"seed": 2, "max_duration_s": 20.0}, preset="demo"))
+    settings = {**FEW, "association": {"mode": "unknown"}}
+    runs = list(run_many(log, settings, seeds=range(5, 9)))
+    evidence = [result.log_evidence for result in runs]
+    assert len(set(evidence)) == 4 and np.isfinite(evidence).all()
+    best, tries = best_of(log, settings, seeds=range(5, 9))
+    assert [one.seed for one in tries] == [5, 6, 7, 8] and [one.log_evidence for one in tries] == evidence
+    likeliest = runs[int(np.argmax(evidence))]
+    assert best.config["seed"] == likeliest.config["seed"]
+    np.testing.assert_array_equal(best.landmarks.mean_m, likeliest.landmarks.mean_m)
+    stopped, tries = best_of(log, settings, seeds=range(3), progress=interrupt)
+    assert stopped.interrupted and len(tries) == 1
+    with pytest.raises(ConfigError, match="seeds: got none"):
+        best_of(log, settings, seeds=())
 
 
 def test_log_without_sightings_gives_a_path_and_no_map() -> None:

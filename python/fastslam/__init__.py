@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .maps import Anywhere, Map, Start
     from .result import RunResult
     from .robot import Robot
-    from .runner import run, run_many
+    from .runner import best_of, run, run_many
     from .tuning import tune
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "Start",
     "StepInfo",
     "__version__",
+    "best_of",
     "convert",
     "load",
     "localize",
@@ -57,6 +58,7 @@ _MODULE_OF = {
     "load": "datasets",
     "localize": "localisation",
     "run": "runner",
+    "best_of": "runner",
     "run_many": "runner",
     "tune": "tuning",
 }

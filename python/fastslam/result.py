@@ -243,6 +243,14 @@ class RunResult:
     """What it found otherwise in it."""
 
     @property
+    def log_evidence(self) -> float:
+        """Logarithm of how probable the run made the sightings, each told by those before it, in nats.
+
+        Comparable between runs over one log whose settings of the sensor are the same.
+        """
+        return float(np.nansum(self.steps.log_likelihood))
+
+    @property
     def path(self) -> Trajectory:
         """The best path there is: the smoothed one, the live one where a run has none."""
         return self.smoothed if len(self.smoothed.stamp_s) else self.trajectory

@@ -73,6 +73,9 @@ MapOut = Annotated[
 Auto = Annotated[
     bool, typer.Option("--auto", help="Tune first: find noise, gains, mounting and delay, and run with them.")
 ]
+BestOf = Annotated[
+    int, typer.Option(min=1, metavar="N", help="Run with seeds S, S+1, ... and keep the likeliest.")
+]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write the numbers only, no pictures.")]
 
 
@@ -95,6 +98,7 @@ def run_log(
     ] = None,
     seed: Seed = None,
     runs: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with seeds S, S+1, ...")] = 1,
+    best_of: BestOf = 1,
     out: Out = None,
     checkpoint_every: CheckpointEvery = None,
     resume: Resume = False,
@@ -122,6 +126,7 @@ def run_log(
       fastslam run MRCLAM_Dataset1 --robot 2 --particles 200
       fastslam run LOG --association unknown --set sensor.range_std_m=0.2
       fastslam run LOG --runs 10 --seed 1 --out results/ten-seeds
+      fastslam run LOG --association unknown --best-of 4
       fastslam run LOG --out results/night --checkpoint-every 60 --resume
       fastslam run LOG --map-out yard.map
       fastslam run drive.mcap --config car.yaml --topic odometry=/wheels --topic detections=/cones
@@ -138,6 +143,8 @@ def run_log(
         parse_assignments([*(settings or []), *given]),
     ]
     topics = topics_named(topic)
+    if best_of > 1 and (runs > 1 or resume or checkpoint_every is not None):
+        raise ConfigError("--best-of: goes with neither --runs nor --checkpoint-every and --resume")
     if resume and out is None:
         raise ConfigError("--resume: say with --out in which folder the run left its state")
     with times_shown(verbose):
@@ -156,7 +163,12 @@ def run_log(
         checkpoints = _checkpoints(folder, checkpoint_every, resume=resume)
         port = watch_port if watch else None
         with watched(log.name, configuration, port=port, kind="run") as watcher:
-            finished = run_all(log, configuration, results, runs=runs, checkpoints=checkpoints, watch=watcher)
+            if best_of > 1:
+                finished = run_tries(log, configuration, results, tries=best_of, watch=watcher)
+            else:
+                finished = run_all(
+                    log, configuration, results, runs=runs, checkpoints=checkpoints, watch=watcher
+                )
             if map_out is not None:
                 finished.result.map.save(map_out)
             show(finished, json=json)
@@ -270,6 +282,24 @@ def run_all(
     if results.report or others:
         metrics = results.write(first, log, report=results.report, others=others)
     return Finished(first, [metrics, *others], results.folder, results.report, interrupted)
+
+
+def run_tries(
+    log: Log, config: Config, results: Results, *, tries: int, watch: Watch | None = None
+) -> Finished:
+    """Runs with so many seeds, from the configured one on, and writes the files of the likeliest run."""
+    from ..runner import best_of
+
+    seeds = range(config["seed"], config["seed"] + tries)
+    with progress_bar(log.name) as advance:
+        best, tried = best_of(log, config, seeds=seeds, progress=advance, watch=watch)
+    for one in tried:
+        kept = ", kept" if one.seed == best.config["seed"] else ""
+        line = f"seed {one.seed}: evidence {one.log_evidence:,.1f} nats, {one.landmarks:,} landmarks{kept}"
+        stderr().print(line, markup=False, highlight=False, soft_wrap=True)
+    best = replace(best, findings=tuple(finding.to_dict() for finding in results.findings))
+    metrics = results.write(best, log, report=results.report)
+    return Finished(best, [metrics], results.folder, results.report, best.interrupted)
 
 
 def show(finished: Finished, *, json: bool = False) -> None:
