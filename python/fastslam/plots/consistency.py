@@ -17,7 +17,7 @@ _COLORS = (style.LIVE, style.LANDMARK, style.GOOD, style.EVENT, style.SMOOTHED, 
 
 
 def consistency_figure(found: Mapping[str, Consistency], *, title: str) -> Figure:
-    """NEES over time on the left, coverage on the right, a colour for each variant. Draw in `house_style`."""
+    """NEES over time on the left, coverage on the right, a line for each variant. Draw in `house_style`."""
     figure = style.new_figure(9.6, 4.6)
     left, right = figure.subplots(1, 2, width_ratios=[3, 2])
     plot_nees(left, found)
@@ -28,8 +28,8 @@ def consistency_figure(found: Mapping[str, Consistency], *, title: str) -> Figur
 
 def plot_nees(axis: Axes, found: Mapping[str, Consistency]) -> Axes:
     """Draw the NEES of the pose over the run, its median (line) and mean (dots) over runs, and the bounds."""
-    for color, (name, consistency) in zip(_cycle(len(found)), found.items(), strict=True):
-        axis.plot(consistency.fraction, consistency.median_over_runs, color=color, label=name)
+    for (color, line), (name, consistency) in zip(_cycle(len(found)), found.items(), strict=True):
+        axis.plot(consistency.fraction, consistency.median_over_runs, color=color, linestyle=line, label=name)
         dots: dict[str, Any] = {"marker": ".", "markersize": 3, "linestyle": "none"}
         axis.plot(consistency.fraction, consistency.mean_over_runs, color=color, alpha=0.5, **dots)
     first = next(iter(found.values()))
@@ -49,9 +49,9 @@ def plot_coverage(axis: Axes, found: Mapping[str, Consistency]) -> Axes:
     """Draw the found coverage of positions (solid) and landmarks (dashed) against the stated probability."""
     stated = np.array(LEVELS)
     axis.plot([0, 1], [0, 1], color=style.MUTED, linewidth=1.0, linestyle=(0, (4, 2)))
-    for color, consistency in zip(_cycle(len(found)), found.values(), strict=True):
+    for (color, line), consistency in zip(_cycle(len(found)), found.values(), strict=True):
         coverage = consistency.position.coverage.found
-        axis.plot(stated, list(coverage.values()), color=color, marker="o", markersize=4)
+        axis.plot(stated, list(coverage.values()), color=color, linestyle=line, marker="o", markersize=4)
         if consistency.landmarks is not None:
             coverage = consistency.landmarks.coverage.found
             axis.plot(stated, list(coverage.values()), color=color, marker="s", markersize=3, linestyle=":")
@@ -63,5 +63,6 @@ def plot_coverage(axis: Axes, found: Mapping[str, Consistency]) -> Axes:
     return axis
 
 
-def _cycle(count: int) -> list[str]:
-    return [_COLORS[k % len(_COLORS)] for k in range(count)]
+def _cycle(count: int) -> list[tuple[str, str]]:
+    """A colour and a line each; when the colours are used up, dashes."""
+    return [(_COLORS[k % len(_COLORS)], "--" if k >= len(_COLORS) else "-") for k in range(count)]
