@@ -1,6 +1,6 @@
 """Measures the error against the number of particles for FastSLAM 1.0, 2.0, and 2.0 that draws paths anew.
 
-    python experiments/particles/run.py [--seeds 10] [--seeds-of-many 2] [--particles 1 3 10 30 100 300 1000]
+    python experiments/particles/run.py [--seeds 10] [--seeds-of-many 2] [--particles 1 3 10 30 100 300]
         [--workers N] [--out docs]
 
 Identities are given. UTIAS takes half of the seeds, since one stands for 15 runs there, and the real logs
@@ -174,7 +174,7 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seeds-of-many", type=int, default=2)
-    parser.add_argument("--particles", type=int, nargs="+", default=[1, 3, 10, 30, 100, 300, 1000])
+    parser.add_argument("--particles", type=int, nargs="+", default=[1, 3, 10, 30, 100, 300])
     parser.add_argument("--workers", type=int)
     parser.add_argument(
         "--out", type=Path, help="folder of the documentation; without it the page is printed"
