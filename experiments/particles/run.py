@@ -162,8 +162,9 @@ FastSLAM 1.0 and 2.0 are the papers' filters (`filter.rejuvenation.every_steps: 
 {table}
 
 Ten particles of FastSLAM 2.0 do as well as a hundred of 1.0 on Lost in the Woods and in the demo, and a
-little worse on UTIAS and in the loop. With paths drawn by need ten do better than three hundred of either without;
-one does nearly as well, because what then decides is the posterior over paths and no longer the particles.
+little worse on UTIAS and in the loop. With paths drawn by need ten do better than three hundred of either
+without; one does nearly as well, because what then decides is the posterior over paths and no longer the
+particles.
 """
 
 
