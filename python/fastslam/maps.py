@@ -300,8 +300,8 @@ def merge(maps: Sequence[Map | Path | str]) -> Merged:
     >>> yard = Map.at({f"L{row}": place for row, place in enumerate(places)}, std_m=0.05)
     >>> turned = Map.at({f"L{row}": (-y, x) for row, (x, y) in enumerate(places)}, std_m=0.05)
     >>> merged = merge([yard, turned])
-    >>> len(merged.map.role), merged.parts[1].T_map_part.round(3).tolist()
-    (7, [0.0, 0.0, -1.571])
+    >>> len(merged.map.role), round(float(merged.parts[1].T_map_part[2]), 3)
+    (7, -1.571)
 
     Errors: `DataError` where no overlap is found for sure, or several that are as likely.
     """
