@@ -77,6 +77,9 @@ impl Lately {
     pub fn believe(&mut self, scan: &[Misplaced], beside: &Beside) -> Vec<bool> {
         let Beside { fits: others, excess, pose_is_doubted } = *beside;
         self.scans += 1;
+        if scan.is_empty() {
+            return Vec::new();
+        }
         self.left_out.retain(|(of, _)| of + SCANS_KEPT > self.scans);
         let all: Vec<&Misplaced> = scan.iter().chain(self.left_out.iter().map(|(_, one)| one)).collect();
         let fits = |a: &Misplaced, b: &Misplaced| a.fits_with(b, excess);

@@ -18,11 +18,12 @@ use crate::measurement::Placing;
 /// Notes whether the rounds of a scan show landmarks since whose last sighting the particles have forgotten the way, where odometry
 /// alone does not relate the two as well as one sighting does, and that they are not where they are expected.
 pub(super) fn note_returns<M: Placing>(setup: &Setup<M>, state: &mut State, rounds: &[Vec<ScanSighting>]) {
+    let Some(need) = need_of(state) else { return };
     let best = state.particles.best();
     let belief = state.belief_of(setup.settings.config.algorithm, best);
     let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
     let gate = GATE * state.diagnosis.watch.noise.usual_excess();
-    let ago = |need: &Need, sighting: &ScanSighting| {
+    let ago = |sighting: &ScanSighting| {
         let slot = state.landmarks.named(sighting)?;
         let (landmark, _) = state.landmarks.held_by(best, slot)?;
         let (drift, ago) = relation(state, need, slot, landmark.mean)?;
@@ -31,10 +32,8 @@ pub(super) fn note_returns<M: Placing>(setup: &Setup<M>, state: &mut State, roun
         let is_vague = is_ambiguous(area_m2(drift.determinant()), f64::INFINITY, gate_m2);
         (is_vague && fit.mahalanobis_squared > gate).then_some(ago)
     };
-    let forgotten = need_of(state).filter(|need| need.is_affordable()).is_some_and(|need| {
-        let longest = rounds.iter().flatten().filter_map(|sighting| ago(need, sighting)).max();
-        longest.is_some_and(|steps| have_forgotten(state, need, steps))
-    });
+    let longest = || rounds.iter().flatten().filter_map(ago).max();
+    let forgotten = need.is_affordable() && longest().is_some_and(|steps| have_forgotten(state, need, steps));
     if let Some(rejuvenation) = &mut state.rejuvenation {
         rejuvenation.returns.are_forgotten = forgotten;
     }
