@@ -208,9 +208,9 @@ def test_demo_in_a_real_process_takes_less_than_ten_seconds(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
 def test_a_stopped_run_keeps_what_was_computed_and_exits_130(number: int, tmp_path: Path) -> None:
-    log = write_small_log(tmp_path / "log", steps=3000)
+    log = write_small_log(tmp_path / "log", steps=6000)
     out = tmp_path / "out"
-    options = ("--particles", "20000", "--no-report", "--checkpoint-every", "600")
+    options = ("--particles", "50000", "--no-report", "--checkpoint-every", "600")
     with process("run", log, "--out", out, *options, cwd=tmp_path) as run:
         deadline = time.monotonic() + 60.0
         while not out.exists() and time.monotonic() < deadline:
