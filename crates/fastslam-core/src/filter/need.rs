@@ -17,6 +17,9 @@ const MANY_SUSPECTS: u32 = 15;
 /// Work that all draws may take together then, and where names close a loop, in terms of that of the filter.
 const OVERDRAFT: f64 = 6.0;
 
+/// Draws that take no more than so many times this, in sightings of a particle, are done in any case: a tenth of a second.
+const LEAST_WORK: f64 = 1e6;
+
 /// What the decision when to draw needs to remember.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Need {
@@ -32,6 +35,9 @@ pub(super) struct Need {
     work_of_draws: f64,
     /// Of the last draw, by steps.
     work_per_step: f64,
+    /// Whether the draw at hand was asked for from outside, whatever it takes.
+    #[serde(skip)]
+    pub is_wanted: bool,
 }
 
 impl Need {
@@ -45,6 +51,7 @@ impl Need {
             work_of_filter: 0.0,
             work_of_draws: 0.0,
             work_per_step: 0.0,
+            is_wanted: false,
         }
     }
 
@@ -81,6 +88,20 @@ impl Need {
         self.suspects = 0;
         self.work_of_draws += work;
         self.work_per_step = work / path.poses.len().max(1) as f64;
+    }
+
+    /// A draw was not done; it would have taken so much work, if that is known.
+    pub fn refused(&mut self, work: f64) {
+        self.work_per_step = self.work_per_step.max(work / self.drift.steps().max(1) as f64);
+    }
+
+    /// Work that a single draw may take: as much as all together where a loop is sure, of a filter of some work at least.
+    pub fn most_work(&self) -> f64 {
+        if self.is_wanted {
+            f64::INFINITY
+        } else {
+            OVERDRAFT * self.work_of_filter.max(LEAST_WORK)
+        }
     }
 
     /// Whether a draw now is within the budget.

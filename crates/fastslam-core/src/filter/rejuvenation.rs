@@ -71,6 +71,18 @@ pub(super) fn merged_by_draw(state: &State) -> u32 {
     state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged)
 }
 
+/// Draws all particles anew, whatever it takes: somebody asks for it, or the log has ended.
+pub(super) fn rejuvenate_now<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work) -> bool {
+    let want = |state: &mut State, is_wanted: bool| {
+        let need = state.rejuvenation.as_mut().and_then(|rejuvenation| rejuvenation.need.as_mut());
+        need.into_iter().for_each(|need| need.is_wanted = is_wanted);
+    };
+    want(state, true);
+    let done = rejuvenate(setup, state, work);
+    want(state, false);
+    done
+}
+
 /// Draws all particles anew from the posterior over paths and maps, given the best particle's associations.
 ///
 /// Returns false, and leaves everything as it is, when the filter was not configured for it (`filter.rejuvenation`), when
@@ -84,6 +96,9 @@ pub(super) fn rejuvenate<M: Placing>(setup: &Setup<M>, state: &mut State, work: 
     rejuvenation.count += u64::from(anew.is_some());
     rejuvenation.last = rejuvenation.history.steps();
     rejuvenation.merged = anew.as_ref().map_or(0, |anew| anew.merges.len() as u32);
+    if let Some(need) = rejuvenation.need.as_mut().filter(|_| anew.is_none()) {
+        need.refused(cost.get());
+    }
     if let Some(Anew { trajectory, merges, misread }) = &anew {
         rejuvenation.history.resample(&work.ancestor_indices);
         rejuvenation.history.forget(misread);
@@ -173,6 +188,7 @@ fn graph_of<'a, M: Placing>(
         first_free,
         landmarks: sights(state, places, first_free)?,
         work: cost,
+        most_work: state.rejuvenation.as_ref()?.need.as_ref().map_or(f64::INFINITY, Need::most_work),
     })
 }
 

@@ -331,6 +331,7 @@ mod tests {
             first_free: 0,
             landmarks: sights,
             work: &Cell::new(0.0),
+            most_work: f64::INFINITY,
         };
         let mode = graph.solve(guess).unwrap();
         let stream = RandomSource::new(2).stream(Purpose::Rejuvenation, 0);

@@ -19,6 +19,8 @@ use std::cell::Cell;
 const LEAST_VARIANCE: [f64; 3] = [1e-8, 1e-8, 1e-10];
 /// Iterations at most.
 const ITERATIONS: usize = 12;
+/// What a solution takes as a rule.
+const EXPECTED_ITERATIONS: f64 = 3.0;
 /// An undamped step that promises to lower the cost by less than this is the last.
 ///
 /// **Why:** the promise is half the squared distance to the mode in standard deviations of the posterior; what is left
@@ -86,6 +88,8 @@ pub struct Graph<'a, M> {
     pub landmarks: Vec<Sights>,
     /// Counts what is done, in sightings of a particle (about 100 operations).
     pub work: &'a Cell<f64>,
+    /// A problem that takes more is not solved.
+    pub most_work: f64,
 }
 
 /// A path with landmarks.
@@ -134,8 +138,7 @@ impl<M: Placing> Graph<'_, M> {
         let layout = self.layout(guess.trajectory.poses.len());
         let mut matrix = self.structure(&layout);
         let mut factor = Factor::of_structure(&matrix)?;
-        let sightings: usize = self.landmarks.iter().map(|sights| sights.seen.len()).sum();
-        let each = 0.01 * factor.operations() + (sightings + layout.poses) as f64;
+        let each = self.affordable_work(&layout, &factor)?;
         let mut best = (guess.clone(), self.cost(&guess));
         let (mut at, mut risen) = (guess, 0);
         for _ in 0..ITERATIONS {
@@ -167,6 +170,17 @@ impl<M: Placing> Graph<'_, M> {
         self.linearize(&solution, &layout, &mut matrix);
         let usable = cost.is_finite() && factor.factorize(&matrix);
         usable.then_some(Mode { solution, cost, factor })
+    }
+
+    /// Work of an iteration; `None`, and the whole counted as done, where the problem takes too much.
+    fn affordable_work(&self, layout: &Layout, factor: &Factor) -> Option<f64> {
+        let sightings: usize = self.landmarks.iter().map(|sights| sights.seen.len()).sum();
+        let each = 0.01 * factor.operations() + (sightings + layout.poses) as f64;
+        if EXPECTED_ITERATIONS * each > self.most_work {
+            self.work.set(self.work.get() + EXPECTED_ITERATIONS * each);
+            return None;
+        }
+        Some(each)
     }
 
     /// A step of Gauss–Newton; `None` where the precision is none.
@@ -519,7 +533,16 @@ mod tests {
         first_free: usize,
     ) -> Graph<'a, RangeBearing> {
         let T_robot_sensor = T_ROBOT_SENSOR;
-        Graph { history, model: &MODEL, T_robot_sensor, likelihood_exponent: 0.7, first_free, landmarks, work }
+        Graph {
+            history,
+            model: &MODEL,
+            T_robot_sensor,
+            likelihood_exponent: 0.7,
+            first_free,
+            landmarks,
+            work,
+            most_work: f64::INFINITY,
+        }
     }
 
     #[test]

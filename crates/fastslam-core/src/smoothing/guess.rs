@@ -97,7 +97,16 @@ mod tests {
 
     fn graph<'a>(history: &'a History, landmarks: Vec<Sights>, work: &'a Cell<f64>) -> Graph<'a, RangeBearing> {
         let T_robot_sensor = Pose::default();
-        Graph { history, model: &MODEL, T_robot_sensor, likelihood_exponent: 1.0, first_free: 0, landmarks, work }
+        Graph {
+            history,
+            model: &MODEL,
+            T_robot_sensor,
+            likelihood_exponent: 1.0,
+            first_free: 0,
+            landmarks,
+            work,
+            most_work: f64::INFINITY,
+        }
     }
 
     #[test]

@@ -120,6 +120,7 @@ mod tests {
             first_free: 0,
             landmarks: by_landmark(&history.seen_by(0), |_| true),
             work: &work,
+            most_work: f64::INFINITY,
         };
         let guess = graph.guess(trajectory, |sights| LANDMARKS[sights.birth as usize]);
         let mode = graph.solve(guess).unwrap();
