@@ -17,8 +17,6 @@ WIDE = 0.9
 """The cells are as wide as sightings can be off at this quantile of their ranges."""
 EXPLAINED_SQUARED = 25.0
 """A sighting within five deviations of a landmark is explained by it."""
-VIEW_SHARE = 0.75
-"""What lies nearer and less aside than this share of the sightings counts as in view."""
 FRAME_S = 0.02
 """Sightings closer in time than this are of one frame."""
 
@@ -52,14 +50,6 @@ class Laid:
     def explained(self) -> Bools:
         """Which sightings (S,) some landmark explains."""
         return np.asarray(self.squared < EXPLAINED_SQUARED)
-
-    def in_view(self, origin: Floats) -> Bools:
-        """Which landmarks (n, K) lie where most sightings do, seen from poses of the sensor (n, 3)."""
-        reach_m = np.quantile(self.range_m, VIEW_SHARE)
-        aside = np.quantile(np.abs(self.bearing_rad), VIEW_SHARE)
-        apart = self.mean_m[None] - origin[:, None, :2]
-        bearing = _wrapped(np.arctan2(apart[..., 1], apart[..., 0]) - origin[:, 2:])
-        return np.asarray((np.hypot(apart[..., 0], apart[..., 1]) < reach_m) & (np.abs(bearing) < aside))
 
 
 def laid_on_map(result: RunResult, log: Log) -> Laid | None:

@@ -13,12 +13,14 @@ from math import exp, lgamma, log
 
 import numpy as np
 
-from .laid import VIEW_SHARE, Laid
+from .laid import Laid
 from .log import Bools, Floats, Ints
 
 LOOK_S = 1.0
 """Sightings within this time count once: they repeat each other."""
 LEAST_LOOKS = 5
+VIEW_SHARE = 0.75
+"""What lies nearer and less aside than this share of the sightings counts as in view."""
 SURE = 1e-3
 """So rarely a sound map has one landmark that is taken for gone, or one pair that is taken for twins."""
 NEIGHBOURS = 6

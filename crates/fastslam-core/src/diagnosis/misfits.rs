@@ -4,6 +4,7 @@
 //! alike: as a rigid body, and where it has only drifted, by the same way. So sightings are compared with each other,
 //! those of a scan and those that were left out lately; what agrees is believed.
 
+use crate::association::GATE;
 use crate::geometry::Symmetric2;
 use serde::{Deserialize, Serialize};
 
@@ -12,9 +13,6 @@ use serde::{Deserialize, Serialize};
 /// **Why:** what a robot that is elsewhere sees comes together; misread names of a long time would agree by chance.
 const SCANS_KEPT: u64 = 10;
 const KEPT: usize = 16;
-/// Two agree within so many variances: 99 % of the plane.
-const AGREEMENT: f64 = 9.21;
-
 /// A sighting that does not fit, in the world.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Misplaced {
@@ -45,7 +43,7 @@ impl Misplaced {
         let distance = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
         let off = distance(self.shown_m, other.shown_m) - distance(self.held_m, other.held_m);
         let variance = self.variance_m2 + other.variance_m2;
-        self.identity != other.identity && off * off <= AGREEMENT * excess * variance
+        self.identity != other.identity && off * off <= GATE * excess * variance
     }
 
     /// Whether drift explains both, and the same drift.
@@ -58,7 +56,7 @@ impl Misplaced {
         let turned = turn.max(others) * (held[0] * held[0] + moved[0] * moved[0]);
         let off = held[1] * held[1] + moved[1] * moved[1];
         let variance = self.variance_m2 + other.variance_m2 + turned;
-        self.identity != other.identity && off <= AGREEMENT * excess * variance
+        self.identity != other.identity && off <= GATE * excess * variance
     }
 }
 

@@ -9,7 +9,7 @@ use super::existence::add_detection_odds;
 use super::extent::Extent;
 use super::landmarks::Landmarks;
 use super::propose::propose;
-use super::rejuvenation::{merged_by_draw, rejuvenate};
+use super::rejuvenation::{merged_by_draw, rejuvenate_by_need};
 use super::setup::{Settings, Setup};
 use super::state::State;
 use super::weigh::clear_log_likelihood;
@@ -44,7 +44,7 @@ pub(super) fn associate<M: Placing>(
     find_candidates(setup, state, work, scan);
     let mut doubts = doubts::about(setup, state, &work.associating.table);
     if doubts::ask_for_draw(setup, state, &doubts) {
-        info.sampling.rejuvenated |= rejuvenate(setup, state, work);
+        info.sampling.rejuvenated |= rejuvenate_by_need(setup, state, work);
         info.changes.merged += merged_by_draw(state);
         propose(setup, state, &mut work.beliefs);
         find_candidates(setup, state, work, scan);

@@ -174,7 +174,7 @@ impl<M: Placing> FastSlam<M> {
     /// (`filter.rejuvenation`), when nothing happened since the last time, or when no finite solution was
     /// found.
     pub fn rejuvenate(&mut self) -> bool {
-        rejuvenation::rejuvenate_now(&self.setup, &mut self.state, &mut self.work)
+        rejuvenation::rejuvenate(&self.setup, &mut self.state, &mut self.work)
     }
 
     /// The state as bytes, from which [`FastSlam::restore`] goes on to the same bits; `note` is kept in its head.

@@ -37,7 +37,7 @@ pub(super) fn doubt_names<M: Placing>(
         if believed {
             let returns = state.rejuvenation.as_mut().map(|rejuvenation| &mut rejuvenation.returns);
             returns.into_iter().for_each(|returns| returns.are_sure |= misfit.turn.is_some());
-        } else if doubt_name(setup, state, &scan[*j], misfit.turn.is_some()) == Doubt::LeaveOut {
+        } else if doubt_name(setup, state, &scan[*j], misfit) == Doubt::LeaveOut {
             let value = scan.remove(*j).measured.value;
             seen.push(Seen { value, taken: Taken::Nothing });
             info.left_out.ignored += 1;
@@ -64,14 +64,13 @@ fn is_implausible<M: Placing>(
     })
 }
 
-fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSighting, may_be_drift: bool) -> Doubt {
+fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSighting, misfit: &Misplaced) -> Doubt {
     let best = state.particles.best();
     let (Some(identity), Some(slot)) = (sighting.identity, state.landmarks.named(sighting)) else {
         return Doubt::LeaveOut;
     };
     let belief = state.belief_of(setup.settings.config.algorithm, best);
     let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
-    let position_m = model.inverse(belief.mean.compose(T_robot_sensor), sighting.measured.value);
     let held = state
         .landmarks
         .held_by(best, slot)
@@ -83,6 +82,7 @@ fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSi
         let measured = Measured { noise: sighting.measured.noise.scaled(2.0), ..sighting.measured };
         belief.fit(model, T_robot_sensor, &landmark, &measured).mahalanobis_squared <= IMPLAUSIBLE
     });
+    let (position_m, may_be_drift) = (misfit.shown_m, misfit.turn.is_some());
     let doubt = names.doubt(&Misfit { identity, position_m, agrees, held, may_be_drift });
     // No sighting founded a landmark of a given map.
     if state.given.of(state.landmarks.birth(slot)).is_some() {

@@ -35,9 +35,6 @@ pub(super) struct Need {
     work_of_draws: f64,
     /// Of the last draw, by steps.
     work_per_step: f64,
-    /// Whether the draw at hand was asked for from outside, whatever it takes.
-    #[serde(skip)]
-    pub is_wanted: bool,
 }
 
 impl Need {
@@ -51,7 +48,6 @@ impl Need {
             work_of_filter: 0.0,
             work_of_draws: 0.0,
             work_per_step: 0.0,
-            is_wanted: false,
         }
     }
 
@@ -90,18 +86,14 @@ impl Need {
         self.work_per_step = work / path.poses.len().max(1) as f64;
     }
 
-    /// A draw was not done; it would have taken so much work, if that is known.
+    /// A draw was not done, since it would have taken so much work.
     pub fn refused(&mut self, work: f64) {
         self.work_per_step = self.work_per_step.max(work / self.drift.steps().max(1) as f64);
     }
 
     /// Work that a single draw may take: as much as all together where a loop is sure, of a filter of some work at least.
     pub fn most_work(&self) -> f64 {
-        if self.is_wanted {
-            f64::INFINITY
-        } else {
-            OVERDRAFT * self.work_of_filter.max(LEAST_WORK)
-        }
+        OVERDRAFT * self.work_of_filter.max(LEAST_WORK)
     }
 
     /// Whether a draw now is within the budget.
@@ -159,6 +151,19 @@ mod tests {
         let path = Trajectory { start: Pose::default(), poses: Vec::new() };
         need.drawn(cost * need.work_of_filter, &[[1, 0]], (&History::new(100), &path));
         need
+    }
+
+    #[test]
+    fn after_a_draw_that_would_have_cost_too_much_none_is_asked_for_until_it_can_be_paid() {
+        let mut need = Need { suspects: MANY_SUSPECTS, ..after_a_draw(0.0) };
+        let mut history = History::new(100);
+        history.step_done();
+        need.step_done(&history, Pose::default());
+        assert!(need.asks() && need.is_affordable_for_sure());
+        need.refused(100.0 * need.work_of_filter);
+        assert!(!need.asks() && !need.is_affordable_for_sure());
+        (0..20).for_each(|_| need.scanned(9, 100));
+        assert!(need.asks(), "the filter has done enough since");
     }
 
     #[test]

@@ -24,11 +24,10 @@ use crate::math;
 use crate::measurement::Placing;
 use crate::motion::MotionGaussian;
 use crate::random::{Purpose, Stream};
-use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Sampling, LANES};
+use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Effort, Sampling, LANES};
 use crate::smoothing::{Closing, Graph, Known, Mode, Sights, Trajectory};
 use crate::store::RowsMut;
 use rustc_hash::{FxHashMap, FxHashSet};
-use std::cell::Cell;
 
 /// A landmark of one map: its slot and its mean.
 type Place = (u32, [f64; 2]);
@@ -71,39 +70,39 @@ pub(super) fn merged_by_draw(state: &State) -> u32 {
     state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged)
 }
 
-/// Draws all particles anew, whatever it takes: somebody asks for it, or the log has ended.
-pub(super) fn rejuvenate_now<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work) -> bool {
-    let want = |state: &mut State, is_wanted: bool| {
-        let need = state.rejuvenation.as_mut().and_then(|rejuvenation| rejuvenation.need.as_mut());
-        need.into_iter().for_each(|need| need.is_wanted = is_wanted);
-    };
-    want(state, true);
-    let done = rejuvenate(setup, state, work);
-    want(state, false);
-    done
-}
-
-/// Draws all particles anew from the posterior over paths and maps, given the best particle's associations.
+/// Draws all particles anew from the posterior over paths and maps, given the best particle's associations, whatever it
+/// takes: somebody asks for it, or the log has ended.
 ///
 /// Returns false, and leaves everything as it is, when the filter was not configured for it (`filter.rejuvenation`), when
 /// nothing happened since the last time, or when no finite solution was found.
 pub(super) fn rejuvenate<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work) -> bool {
+    rejuvenate_within(setup, state, work, &Effort::any())
+}
+
+/// The same between two steps: not where paths are drawn by need and this draw would take too much.
+pub(super) fn rejuvenate_by_need<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work) -> bool {
+    let need = state.rejuvenation.as_ref().and_then(|rejuvenation| rejuvenation.need.as_ref());
+    let effort = need.map_or(Effort::any(), |need| Effort::up_to(need.most_work()));
+    rejuvenate_within(setup, state, work, &effort)
+}
+
+fn rejuvenate_within<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, effort: &Effort) -> bool {
     let Some(rejuvenation) = &state.rejuvenation else { return false };
     let fresh = rejuvenation.history.steps() > rejuvenation.last;
-    let cost = Cell::new(0.0);
-    let anew = fresh.then(|| start_anew(setup, state, work, &cost)).flatten();
+    let anew = fresh.then(|| start_anew(setup, state, work, effort)).flatten();
     let Some(rejuvenation) = &mut state.rejuvenation else { return false };
+    rejuvenation.merged = anew.as_ref().map_or(0, |anew| anew.merges.len() as u32);
+    if let (None, Some(refused)) = (&anew, effort.refused()) {
+        rejuvenation.need.iter_mut().for_each(|need| need.refused(refused));
+        return false;
+    }
     rejuvenation.count += u64::from(anew.is_some());
     rejuvenation.last = rejuvenation.history.steps();
-    rejuvenation.merged = anew.as_ref().map_or(0, |anew| anew.merges.len() as u32);
-    if let Some(need) = rejuvenation.need.as_mut().filter(|_| anew.is_none()) {
-        need.refused(cost.get());
-    }
     if let Some(Anew { trajectory, merges, misread }) = &anew {
         rejuvenation.history.resample(&work.ancestor_indices);
         rejuvenation.history.forget(misread);
         if let Some(need) = &mut rejuvenation.need {
-            need.drawn(cost.get(), merges, (&rejuvenation.history, trajectory));
+            need.drawn(effort.done(), merges, (&rejuvenation.history, trajectory));
             rejuvenation.returns = Returns::default();
         }
     }
@@ -121,13 +120,13 @@ struct Anew {
 }
 
 /// `None` when nothing was done.
-fn start_anew<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, cost: &Cell<f64>) -> Option<Anew> {
+fn start_anew<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, effort: &Effort) -> Option<Anew> {
     let Rejuvenation { history, .. } = state.rejuvenation.as_ref()?;
     let settings = &setup.settings.config.filter.rejuvenation;
     let window = settings.window_steps.map_or(usize::MAX, |steps| steps as usize);
     let first_free = history.steps().saturating_sub(window);
     let places = places_of(&state.landmarks, state.particles.best());
-    let mut graph = graph_of(setup, state, &places, first_free, cost)?;
+    let mut graph = graph_of(setup, state, &places, first_free, effort)?;
     let trajectory = trajectory(setup, state, first_free)?;
     let mode = graph.solve(graph.guess(trajectory, |sights| places[&sights.birth].1))?;
     let (mode, misread) = leave_out_misread(setup, state, &mut graph, mode);
@@ -178,7 +177,7 @@ fn graph_of<'a, M: Placing>(
     state: &'a State,
     places: &FxHashMap<u32, Place>,
     first_free: usize,
-    cost: &'a Cell<f64>,
+    effort: &'a Effort,
 ) -> Option<Graph<'a, M>> {
     Some(Graph {
         history: &state.rejuvenation.as_ref()?.history,
@@ -187,8 +186,7 @@ fn graph_of<'a, M: Placing>(
         likelihood_exponent: setup.settings.config.filter.likelihood_exponent,
         first_free,
         landmarks: sights(state, places, first_free)?,
-        work: cost,
-        most_work: state.rejuvenation.as_ref()?.need.as_ref().map_or(f64::INFINITY, Need::most_work),
+        effort,
     })
 }
 

@@ -15,8 +15,8 @@ use crate::geometry::Symmetric2;
 use crate::landmark::{first_sighting, Gaussian};
 use crate::measurement::Placing;
 
-/// Notes whether the rounds of a scan show landmarks since whose last sighting the particles have forgotten the way, where odometry
-/// alone does not relate the two as well as one sighting does, and that they are not where they are expected.
+/// Notes whether the rounds of a scan show landmarks since whose last sighting the particles have forgotten the way, where
+/// odometry alone does not relate the two as well as one sighting does, and that they are not where they are expected.
 pub(super) fn note_returns<M: Placing>(setup: &Setup<M>, state: &mut State, rounds: &[Vec<ScanSighting>]) {
     let Some(need) = need_of(state) else { return };
     let best = state.particles.best();

@@ -3,7 +3,7 @@
 use super::estimate::estimate_beliefs;
 use super::names::doubt_names;
 use super::propose::{keeps_motion_pending, propose};
-use super::rejuvenation::{merged_by_draw, rejuvenate, rejuvenation_is_due, remember_step};
+use super::rejuvenation::{merged_by_draw, rejuvenate_by_need, rejuvenation_is_due, remember_step};
 use super::remember::see_named;
 use super::returns::note_returns;
 use super::settings::Algorithm;
@@ -86,7 +86,7 @@ pub(super) fn process_rounds<M: Placing>(
         state.path.extend(stamp_s, &setup.workers, |i| particles.pose(i));
         remember_step(state);
         if rejuvenation_is_due(setup, state) {
-            info.sampling.rejuvenated |= rejuvenate(setup, state, work);
+            info.sampling.rejuvenated |= rejuvenate_by_need(setup, state, work);
             info.changes.merged += merged_by_draw(state);
         }
     }

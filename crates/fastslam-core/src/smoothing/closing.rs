@@ -266,6 +266,7 @@ fn chi_squared_limit(degrees_of_freedom: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::effort::Effort;
     use super::super::graph::{by_landmark, Known, Solution};
     use super::super::history::{History, Trajectory, NO_LANDMARK};
     use super::*;
@@ -274,7 +275,6 @@ mod tests {
     use crate::measurement::{MeasurementModel, RangeBearing};
     use crate::motion::MotionGaussian;
     use crate::random::{Purpose, RandomSource};
-    use std::cell::Cell;
 
     const MODEL: RangeBearing = RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.01 };
     const STEPS: usize = 80;
@@ -330,8 +330,7 @@ mod tests {
             likelihood_exponent: 1.0,
             first_free: 0,
             landmarks: sights,
-            work: &Cell::new(0.0),
-            most_work: f64::INFINITY,
+            effort: &Effort::any(),
         };
         let mode = graph.solve(guess).unwrap();
         let stream = RandomSource::new(2).stream(Purpose::Rejuvenation, 0);

@@ -44,7 +44,7 @@ pub fn draw<M: Placing>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) 
     let mut numbers = vec![[0.0; LANES]; mode.factor.size()];
     let sightings: usize = graph.landmarks.iter().map(|sights| sights.seen.len()).sum();
     let each = 0.06 * (mode.factor.numbers() + LANES * sightings) as f64;
-    graph.work.set(graph.work.get() + each * count.div_ceil(LANES) as f64);
+    graph.effort.spend(each * count.div_ceil(LANES) as f64);
     for first in (0..count).step_by(LANES) {
         fill_normal(&mut numbers, sampling, first as u32);
         mode.factor.draw(&mut numbers, |variable, lanes| place(variable, lanes, mode, &mut draws));

@@ -2,6 +2,7 @@
 //!
 //! Unknowns are ordered poses first: (x, y, heading) of every free step, then (x, y) of every landmark seen from one.
 
+use super::effort::Effort;
 use super::factor::{Factor, UpperTriangle};
 use super::history::{History, Seen, Trajectory};
 use crate::gaussian::Gaussian;
@@ -10,7 +11,6 @@ use crate::landmark::{innovation_covariance, Measured, Tail};
 use crate::math;
 use crate::measurement::Placing;
 use rustc_hash::FxHashMap;
-use std::cell::Cell;
 
 /// Added to the variances of every motion, in m² and rad².
 ///
@@ -86,10 +86,8 @@ pub struct Graph<'a, M> {
     pub first_free: usize,
     /// Landmarks seen from a free pose.
     pub landmarks: Vec<Sights>,
-    /// Counts what is done, in sightings of a particle (about 100 operations).
-    pub work: &'a Cell<f64>,
-    /// A problem that takes more is not solved.
-    pub most_work: f64,
+    /// What it may take, and what is done.
+    pub effort: &'a Effort,
 }
 
 /// A path with landmarks.
@@ -133,16 +131,19 @@ struct Layout {
 }
 
 impl<M: Placing> Graph<'_, M> {
-    /// The mode near a first guess; `None` when no finite solution was found.
+    /// The mode near a first guess; `None` when no finite solution was found, or it may take too much.
     pub fn solve(&self, guess: Solution) -> Option<Mode> {
         let layout = self.layout(guess.trajectory.poses.len());
         let mut matrix = self.structure(&layout);
         let mut factor = Factor::of_structure(&matrix)?;
-        let each = self.affordable_work(&layout, &factor)?;
+        let each = self.work_of_iteration(&layout, &factor);
+        if !self.effort.allows(EXPECTED_ITERATIONS * each) {
+            return None;
+        }
         let mut best = (guess.clone(), self.cost(&guess));
         let (mut at, mut risen) = (guess, 0);
         for _ in 0..ITERATIONS {
-            self.work.set(self.work.get() + each);
+            self.effort.spend(each);
             let mut descent = self.linearize(&at, &layout, &mut matrix);
             if let Some(Stepped { to, cost, promised }) = self.step(&at, &descent, (&matrix, &mut factor)) {
                 if cost <= best.1 {
@@ -172,15 +173,9 @@ impl<M: Placing> Graph<'_, M> {
         usable.then_some(Mode { solution, cost, factor })
     }
 
-    /// Work of an iteration; `None`, and the whole counted as done, where the problem takes too much.
-    fn affordable_work(&self, layout: &Layout, factor: &Factor) -> Option<f64> {
+    fn work_of_iteration(&self, layout: &Layout, factor: &Factor) -> f64 {
         let sightings: usize = self.landmarks.iter().map(|sights| sights.seen.len()).sum();
-        let each = 0.01 * factor.operations() + (sightings + layout.poses) as f64;
-        if EXPECTED_ITERATIONS * each > self.most_work {
-            self.work.set(self.work.get() + EXPECTED_ITERATIONS * each);
-            return None;
-        }
-        Some(each)
+        0.01 * factor.operations() + (sightings + layout.poses) as f64
     }
 
     /// A step of Gauss–Newton; `None` where the precision is none.
@@ -528,29 +523,20 @@ mod tests {
     }
 
     fn graph<'a>(
-        (history, work): (&'a History, &'a Cell<f64>),
+        (history, effort): (&'a History, &'a Effort),
         landmarks: Vec<Sights>,
         first_free: usize,
     ) -> Graph<'a, RangeBearing> {
         let T_robot_sensor = T_ROBOT_SENSOR;
-        Graph {
-            history,
-            model: &MODEL,
-            T_robot_sensor,
-            likelihood_exponent: 0.7,
-            first_free,
-            landmarks,
-            work,
-            most_work: f64::INFINITY,
-        }
+        Graph { history, model: &MODEL, T_robot_sensor, likelihood_exponent: 0.7, first_free, landmarks, effort }
     }
 
     #[test]
     fn the_descent_is_minus_the_gradient_of_the_cost() {
         for (tail, first_free) in [(Tail::Gaussian, 0), (Tail::StudentT(4.0), 0), (Tail::Gaussian, 2)] {
             let (history, sights, solution) = example(tail);
-            let work = Cell::new(0.0);
-            let graph = graph((&history, &work), sights, first_free);
+            let effort = Effort::any();
+            let graph = graph((&history, &effort), sights, first_free);
             let layout = graph.layout(6);
             let descent = graph.linearize(&solution, &layout, &mut graph.structure(&layout));
             assert_eq!(descent.len(), 3 * (6 - first_free) + 4);
@@ -575,8 +561,8 @@ mod tests {
     fn from_the_mode_one_more_step_leads_nowhere() {
         for tail in [Tail::Gaussian, Tail::StudentT(4.0)] {
             let (history, sights, guess) = example(tail);
-            let work = Cell::new(0.0);
-            let graph = graph((&history, &work), sights, 0);
+            let effort = Effort::any();
+            let graph = graph((&history, &effort), sights, 0);
             let before = graph.cost(&guess);
             let mode = graph.solve(guess).unwrap();
             assert!(graph.cost(&mode.solution) < before);
@@ -589,9 +575,20 @@ mod tests {
     }
 
     #[test]
+    fn a_problem_that_takes_too_much_is_not_solved() {
+        let (history, sights, guess) = example(Tail::Gaussian);
+        let effort = Effort::any();
+        assert!(graph((&history, &effort), sights.clone(), 0).solve(guess.clone()).is_some());
+        assert!(effort.done() > 0.0 && effort.refused().is_none());
+        let tight = Effort::up_to(1.0);
+        assert!(graph((&history, &tight), sights, 0).solve(guess).is_none());
+        assert!(tight.done() == 0.0 && tight.refused().is_some_and(|work| work > 1.0));
+    }
+
+    #[test]
     fn a_guess_without_an_end_gives_no_mode() {
         let (history, sights, mut guess) = example(Tail::Gaussian);
         guess.landmarks[0] = [f64::NAN, 0.0];
-        assert!(graph((&history, &Cell::new(0.0)), sights, 0).solve(guess).is_none());
+        assert!(graph((&history, &Effort::any()), sights, 0).solve(guess).is_none());
     }
 }

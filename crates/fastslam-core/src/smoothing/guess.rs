@@ -65,7 +65,7 @@ mod tests {
     use crate::landmark::{Measured, Tail};
     use crate::measurement::{MeasurementModel, RangeBearing};
     use crate::motion::MotionGaussian;
-    use std::cell::Cell;
+    use crate::smoothing::Effort;
 
     const MODEL: RangeBearing = RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.01 };
     const STEPS: usize = 40;
@@ -95,18 +95,9 @@ mod tests {
         (history, sights, Trajectory { start: Pose::default(), poses })
     }
 
-    fn graph<'a>(history: &'a History, landmarks: Vec<Sights>, work: &'a Cell<f64>) -> Graph<'a, RangeBearing> {
+    fn graph<'a>(history: &'a History, landmarks: Vec<Sights>, effort: &'a Effort) -> Graph<'a, RangeBearing> {
         let T_robot_sensor = Pose::default();
-        Graph {
-            history,
-            model: &MODEL,
-            T_robot_sensor,
-            likelihood_exponent: 1.0,
-            first_free: 0,
-            landmarks,
-            work,
-            most_work: f64::INFINITY,
-        }
+        Graph { history, model: &MODEL, T_robot_sensor, likelihood_exponent: 1.0, first_free: 0, landmarks, effort }
     }
 
     #[test]
@@ -128,7 +119,7 @@ mod tests {
     fn a_landmark_is_guessed_where_the_path_saw_it() {
         let (history, mut sights, path) = straight_way(0.0);
         sights.push(Sights { birth: 7, known: Known::Nothing, seen: Vec::new() });
-        let guess = graph(&history, sights, &Cell::new(0.0)).guess(path, |_| [1.0, 2.0]);
+        let guess = graph(&history, sights, &Effort::any()).guess(path, |_| [1.0, 2.0]);
         let [x, y] = guess.landmarks[0];
         assert!((x - 20.0).abs() < 1e-6 && (y - 15.0).abs() < 1e-6, "{x} {y}");
         assert_eq!(guess.landmarks[1], [1.0, 2.0]);
@@ -138,8 +129,8 @@ mod tests {
     fn a_bend_that_stiff_wheels_hide_is_found() {
         // Steps along the valley of what the wheels allow would be a hundred: the first straight one leads uphill.
         let (history, sights, path) = straight_way(0.5);
-        let work = Cell::new(0.0);
-        let graph = graph(&history, sights, &work);
+        let effort = Effort::any();
+        let graph = graph(&history, sights, &effort);
         let mode = graph.solve(graph.guess(path, |_| [0.0, 0.0])).unwrap();
         let end = mode.solution.trajectory.poses[STEPS - 1];
         // The truth ends at a heading of 0.5; odometry errs by 0.5 over 40 steps of 0.01, which costs 31 nats.

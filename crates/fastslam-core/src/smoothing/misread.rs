@@ -82,8 +82,7 @@ mod tests {
     use crate::measurement::{MeasurementModel, RangeBearing};
     use crate::motion::MotionGaussian;
     use crate::sighting::Measured;
-    use crate::smoothing::{by_landmark, History, Trajectory};
-    use std::cell::Cell;
+    use crate::smoothing::{by_landmark, Effort, History, Trajectory};
 
     const MODEL: RangeBearing = RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 };
     const LANDMARKS: [[f64; 2]; 4] = [[3.0, 2.0], [6.0, -2.0], [9.0, 3.0], [12.0, -1.0]];
@@ -111,7 +110,7 @@ mod tests {
 
     fn left_out_of(misread: &[u32]) -> (Vec<u32>, f64, f64) {
         let (mut history, trajectory) = past(misread);
-        let work = Cell::new(0.0);
+        let effort = Effort::any();
         let mut graph = Graph {
             history: &history,
             model: &MODEL,
@@ -119,8 +118,7 @@ mod tests {
             likelihood_exponent: 1.0,
             first_free: 0,
             landmarks: by_landmark(&history.seen_by(0), |_| true),
-            work: &work,
-            most_work: f64::INFINITY,
+            effort: &effort,
         };
         let guess = graph.guess(trajectory, |sights| LANDMARKS[sights.birth as usize]);
         let mode = graph.solve(guess).unwrap();
