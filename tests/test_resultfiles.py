@@ -20,6 +20,7 @@ from fastslam.resultfiles import (
     read_result,
     to_json,
     write_atomically,
+    write_measured,
     write_result,
 )
 
@@ -214,3 +215,16 @@ def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
     (tmp_path / "smoothed.tum").unlink()
     with pytest.raises(DataError, match=r"smoothed\.tum: no such file"):
         read_result(tmp_path)
+
+
+def test_what_is_measured_takes_the_place_of_what_was(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    marked = "before\n<!-- measured: begin -->\n\n{}\n\n<!-- measured: end -->\nafter\n"
+    page.write_text(marked.format("old"))
+    for _ in range(2):
+        write_measured(page, "new\n")
+        assert page.read_text() == marked.format("new")
+    page.write_text("no marks\n")
+    with pytest.raises(DataError, match="has no part between"):
+        write_measured(page, "new\n")
+    assert page.read_text() == "no marks\n"

@@ -24,9 +24,8 @@ from fastslam.log import Log
 from fastslam.plots import house_style, new_figure, render
 from fastslam.plots.style import BAND, LIVE, MUTED, legend_below
 from fastslam.result import RunResult
-from fastslam.resultfiles import write_atomically
+from fastslam.resultfiles import write_atomically, write_measured
 
-BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 MAXIMUM = 200
 
 LOGS: dict[str, tuple[str, float | None, dict[str, Any]]] = {
@@ -140,9 +139,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.out is None:
         print(text)
         return
-    before, _, rest = options.out.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    write_atomically(options.out, f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+    write_measured(options.out, text)
 
 
 if __name__ == "__main__":

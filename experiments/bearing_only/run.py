@@ -16,10 +16,9 @@ from typing import Any
 import fastslam
 import numpy as np
 from fastslam.evaluation import evaluate
-from fastslam.resultfiles import write_atomically
+from fastslam.resultfiles import write_measured
 from fastslam.simulation import simulate
 
-BEGIN, END = "<!-- measured -->\n", "<!-- /measured -->\n"
 LANDMARKS = 60
 SENSOR: dict[str, Any] = {"range_std_m": 0.3, "bearing_std_rad": 0.02, "max_range_m": 20.0}
 """3 % of 10 m, which is what most sightings of this world are away."""
@@ -63,9 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = table(np.array(list(pool.map(measure, range(1, options.seeds + 1)))))
     print(found)
     if options.out is not None:
-        before, _, rest = options.out.read_text(encoding="utf-8").partition(BEGIN)
-        after = rest.partition(END)[2]
-        write_atomically(options.out, before + BEGIN + found + END + after)
+        write_measured(options.out, found)
 
 
 if __name__ == "__main__":

@@ -20,9 +20,8 @@ from fastslam.config import merge, parse_assignments
 from fastslam.evaluation import Consistency
 from fastslam.monte_carlo import consistency_facts, monte_carlo, simulated_logs
 from fastslam.plots import consistency_figure, house_style, render
-from fastslam.resultfiles import to_json, write_atomically
+from fastslam.resultfiles import to_json, write_atomically, write_measured
 
-BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 FIRST_SEED = 1
 
 WORLDS: dict[str, tuple[str, str, dict[str, Any]]] = {
@@ -137,9 +136,7 @@ def main() -> None:
     if arguments.out is None:
         print(text)
         return
-    before, _, rest = arguments.out.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    write_atomically(arguments.out, f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+    write_measured(arguments.out, text)
     print(json.dumps({world: str(figures / f"{world}.png") for world in worlds}, indent=2))
 
 

@@ -26,14 +26,13 @@ from constellations import Floats, Outcome, anywhere, degraded, measured, orchar
 from fastslam import Log, Map
 from fastslam.evaluation.align import align_points
 from fastslam.localisation import FIRST_WINDOW_S, WINDOW_GROWTH, Search, between
-from fastslam.resultfiles import write_atomically
+from fastslam.resultfiles import write_measured
 from fastslam.runner import configure
 from scipy.spatial import cKDTree
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "maps"))
 import forest as woods
 
-BEGIN, END = "<!-- measured -->\n", "<!-- /measured -->\n"
 DATA = Path(os.environ.get("FASTSLAM_DATA", "FASTSLAM_DATA"))
 UNKNOWN: dict[str, Any] = {"association": {"mode": "unknown"}}
 MAPPED = 1200
@@ -175,10 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = table(pool, options.trials, options.starts)
     print(text)
     if options.out is not None:
-        page = options.out.read_text(encoding="utf-8")
-        before, _, rest = page.partition(BEGIN)
-        _, _, after = rest.partition(END)
-        write_atomically(options.out, before + BEGIN + text + END + after)
+        write_measured(options.out, text)
     return 0
 
 

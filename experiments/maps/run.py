@@ -26,12 +26,11 @@ from fastslam.localisation import between
 from fastslam.maps import merge
 from fastslam.overlays import Overlap, overlap
 from fastslam.placement import apply
-from fastslam.resultfiles import write_atomically
+from fastslam.resultfiles import write_measured
 from forest import Floats, reference_m, relative
 from forest import load as load_forest
 from scipy.spatial import cKDTree
 
-BEGIN, END = "<!-- measured -->\n", "<!-- /measured -->\n"
 DATA = Path(os.environ.get("FASTSLAM_DATA", "FASTSLAM_DATA"))
 UNKNOWN = {"association": {"mode": "unknown"}}
 SETS = (1, 2, 6)
@@ -206,10 +205,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         text = table(pool, range(1, options.seeds + 1))
     print(text)
     if options.out is not None:
-        page = options.out.read_text(encoding="utf-8")
-        before, _, rest = page.partition(BEGIN)
-        _, _, after = rest.partition(END)
-        write_atomically(options.out, before + BEGIN + text + END + after)
+        write_measured(options.out, text)
     return 0
 
 

@@ -22,10 +22,9 @@ import fastslam
 import numpy as np
 from fastslam.evaluation import evaluate_run, pose_nees
 from fastslam.log import Log
-from fastslam.resultfiles import write_atomically
+from fastslam.resultfiles import write_measured
 from fastslam.simulation import simulate
 
-BEGIN, END = "<!-- measured -->\n", "<!-- /measured -->\n"
 WORLD: dict[str, Any] = {"world": {"count": 12}, "scan": {"period_s": 1.0}}
 SENSOR: dict[str, Any] = {"range_std_m": 0.5, "bearing_std_rad": 0.02, "max_range_m": 100.0}
 FOUND_M = 1.0
@@ -129,10 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         tables += "\n" + beacon_table(measured(measure_beacons, options.seeds))
     print(tables)
     if options.out is not None:
-        page = options.out.read_text(encoding="utf-8")
-        before, _, rest = page.partition(BEGIN)
-        _, _, after = rest.partition(END)
-        write_atomically(options.out, before + BEGIN + tables + END + after)
+        write_measured(options.out, tables)
     return 0
 
 

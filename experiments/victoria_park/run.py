@@ -22,9 +22,8 @@ from fastslam.config import merge, parse_assignments
 from fastslam.datasets import load
 from fastslam.datasets.degrade import DEGRADED_VICTORIA_PARK, degraded_victoria_park
 from fastslam.evaluation import evaluate, fix_errors
-from fastslam.resultfiles import write_atomically
+from fastslam.resultfiles import write_measured
 
-BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 TOLD: dict[str, dict[str, Any]] = {
     "the log's own settings": {},
     "told 1 m/s, 3°": {"motion": {"speed_std_m_per_s": 1.0, "steering_std_rad": float(np.deg2rad(3.0))}},
@@ -100,9 +99,7 @@ def main() -> None:
     if options.out is None:
         print(text)
         return
-    before, _, rest = options.out.read_text(encoding="utf-8").partition(BEGIN)
-    _, _, after = rest.partition(END)
-    write_atomically(options.out, f"{before}{BEGIN}\n\n{text}\n\n{END}{after}")
+    write_measured(options.out, text)
 
 
 if __name__ == "__main__":

@@ -139,6 +139,23 @@ def write_atomically(path: Path, content: str | bytes, *, durable: bool = False)
     return path
 
 
+MEASURED = "<!-- measured: begin -->", "<!-- measured: end -->"
+"""What a page has around the part that an experiment writes."""
+
+
+def write_measured(page: Path, text: str) -> Path:
+    """Puts the text between the marks of a page.
+
+    Errors: `DataError` for a page without marks, and for one that cannot be written.
+    """
+    begin, end = MEASURED
+    before, found, rest = page.read_text(encoding="utf-8").partition(begin)
+    _, closed, after = rest.partition(end)
+    if not found or not closed:
+        raise DataError(f"has no part between {begin} and {end}", page)
+    return write_atomically(page, f"{before}{begin}\n\n{text.strip()}\n\n{end}{after}")
+
+
 def _sync_folder(folder: Path) -> None:
     """Makes the names in a folder outlast a power failure."""
     descriptor = os.open(folder, os.O_RDONLY)
