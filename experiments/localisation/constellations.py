@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from fastslam.evaluation.align import wrap_angle
 from fastslam.localisation import FEWEST_MATCHED, SURE
 from fastslam.placement import Constellation, View, charted, odds_of, placements
 
@@ -58,7 +59,7 @@ def measured(chart_m: Floats, trials: Iterable[Trial], std_m: float, *, map_std_
         if not found:
             continue
         off = found[0].T_map_local - trial.T_map_robot
-        turned = abs(float(np.remainder(off[2] + np.pi, 2.0 * np.pi) - np.pi))
+        turned = abs(float(wrap_angle(off[2])))
         good = bool(np.hypot(*off[:2]) < RIGHT_M and turned < RIGHT_RAD)
         certain = bool(odds_of(found)[0] >= SURE and found[0].matched >= FEWEST_MATCHED)
         right, sure, wrong = right + good, sure + certain, wrong + (certain and not good)

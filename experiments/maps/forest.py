@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from fastslam import Log
+from fastslam.evaluation.align import wrap_angle
 from fastslam.placement import apply
 from scipy.spatial import cKDTree
 
@@ -88,7 +89,7 @@ def relative(before: Floats, after: Floats) -> Floats:
     """Poses (N, 3) in the frames of others."""
     cosine, sine = np.cos(before[:, 2]), np.sin(before[:, 2])
     x, y = (after - before)[:, :2].T
-    turned = np.remainder(after[:, 2] - before[:, 2] + np.pi, 2.0 * np.pi) - np.pi
+    turned = wrap_angle(after[:, 2] - before[:, 2])
     return np.column_stack([cosine * x + sine * y, -sine * x + cosine * y, turned])
 
 

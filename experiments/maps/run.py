@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 from fastslam import Log, Map, RunResult
 from fastslam.errors import DataError
-from fastslam.evaluation.align import align_points_robustly
+from fastslam.evaluation.align import align_points_robustly, wrap_angle
 from fastslam.localisation import between
 from fastslam.maps import merge
 from fastslam.overlays import Overlap, overlap
@@ -47,7 +47,7 @@ def measure_forest(seed: int) -> list[float]:
     merged = merge([first, second])
     poses = forest.T_world_robot
     off = merged.parts[1].T_map_part - relative(poses[:1], poses[count // 2 : count // 2 + 1])[0]
-    heading = abs(float(np.remainder(off[2] + np.pi, 2.0 * np.pi) - np.pi))
+    heading = abs(float(wrap_angle(off[2])))
     trees_m = reference_m(forest, count)
     truth = Map.at({f"L{row}": at for row, at in enumerate(trees_m)}, std_m=0.05, role="prior")
     return [float(np.hypot(*off[:2])), heading, map_error_m(truth, whole), map_error_m(truth, merged.map)]

@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from .errors import DataError
-from .evaluation.align import align_points, align_points_robustly
+from .evaluation.align import align_points, align_points_robustly, wrap_angle
 from .log import Bools, Floats, Ints, Log
 from .result import RunResult
 
@@ -119,7 +119,7 @@ class _Judge:
         """Whether the sightings of the name went to the other place, or back, on too short a way."""
         poses = self.result.trajectory.T_world_robot
         way_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
-        turned = np.concatenate([[0.0], np.cumsum(np.abs(_wrapped(np.diff(poses[:, 2]))))])
+        turned = np.concatenate([[0.0], np.cumsum(np.abs(wrap_angle(np.diff(poses[:, 2]))))])
         at = self._step_of(rows)
         went_m, turn = np.diff(way_m[at]), np.diff(turned[at])
         reach_m = self.log.sightings.range_m[rows][1:] + went_m
@@ -216,10 +216,6 @@ def _spread(rows: Ints, most: int) -> Ints:
     if len(rows) <= most:
         return rows
     return np.asarray(rows[np.linspace(0, len(rows) - 1, most).astype(np.int64)])
-
-
-def _wrapped(angle_rad: Floats) -> Floats:
-    return np.asarray((angle_rad + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def _moved_alike(two: TwoPlaces, other: TwoPlaces) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .evaluation.align import wrap_angle
 from .log import Bools, Floats, Ints, Log
 from .result import RunResult
 
@@ -71,7 +72,7 @@ def laid_on_map(result: RunResult, log: Log) -> Laid | None:
     if len(rows) == 0:
         return None
     stamp_s, range_m = stamp_s[rows], range_m[rows]
-    bearing = _wrapped(seen.bearing_rad[rows] - sensor["bearing_bias_rad"])
+    bearing = wrap_angle(seen.bearing_rad[rows] - sensor["bearing_bias_rad"])
     origin = _origins(result, stamp_s, sensor["mounting"])
     mean_m = landmarks.mean_m[believed]
     squared, landmark = _best(mean_m, origin, (range_m, bearing), sensor)
@@ -141,8 +142,4 @@ def squared_of(
     apart = mean_m - origin[:, :2]
     by_range = (measured[0] - np.hypot(apart[:, 0], apart[:, 1])) / sensor["range_std_m"]
     turned = origin[:, 2] + measured[1] - np.arctan2(apart[:, 1], apart[:, 0])
-    return np.asarray(by_range**2 + (_wrapped(turned) / sensor["bearing_std_rad"]) ** 2)
-
-
-def _wrapped(angle: Floats) -> Floats:
-    return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
+    return np.asarray(by_range**2 + (wrap_angle(turned) / sensor["bearing_std_rad"]) ** 2)

@@ -14,7 +14,7 @@ from .errors import DataError
 from .log import Floats, Ints
 from .maps import Map, Role, first_free_number
 from .overlays import IN_OTHER, Overlap, Overlay, levers, overlap
-from .placement import apply
+from .placement import apply, composed
 from .result import LandmarkMap
 
 BELIEVED = 0.9
@@ -103,13 +103,12 @@ def _chained(found: Overlay, lie: _Lie) -> tuple[Floats, Floats]:
     """The pose of a part of the other map in ours: mean and covariance to first order."""
     outer, inner = found.T_map_other, lie.T_map_part
     cosine, sine = math.cos(outer[2]), math.sin(outer[2])
-    place = apply(outer, inner[None, :2])[0]
-    heading = math.remainder(float(outer[2] + inner[2]), 2.0 * math.pi)
+    pose = composed(outer, inner)
     by_outer, by_inner = np.eye(3), np.eye(3)
-    by_outer[0, 2], by_outer[1, 2] = outer[1] - place[1], place[0] - outer[0]
+    by_outer[0, 2], by_outer[1, 2] = outer[1] - pose[1], pose[0] - outer[0]
     by_inner[:2, :2] = [[cosine, -sine], [sine, cosine]]
     covariance = by_outer @ found.covariance @ by_outer.T + by_inner @ lie.covariance @ by_inner.T
-    return np.array([*place, heading]), covariance
+    return pose, covariance
 
 
 def align(chart: Map, onto: Map) -> tuple[Map, Part]:

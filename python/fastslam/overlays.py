@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from .log import Bools, Floats, Ints
 from .maps import Map
-from .placement import Constellation, View, apply, charted, placements
+from .placement import Constellation, View, apply, charted, inverse, placements
 
 SURE = math.log(1000.0)
 """An overlay is taken that is so much likelier than none, and than any other."""
@@ -308,12 +308,6 @@ def _of_pose(pose: Floats, moved_m: Floats, covariance: Floats) -> Floats:
     """Variance in a direction of places that a pose has moved, for what is not known of it."""
     lever = levers(pose, moved_m)
     return np.asarray(0.5 * np.einsum("nij,jk,nik->n", lever, covariance, lever))
-
-
-def inverse(pose: Floats) -> Floats:
-    """The pose the other way round."""
-    cosine, sine = math.cos(pose[2]), math.sin(pose[2])
-    return np.array([-cosine * pose[0] - sine * pose[1], sine * pose[0] - cosine * pose[1], -pose[2]])
 
 
 def _unlabelled(side: _Side) -> Ints:

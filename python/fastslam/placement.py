@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import _core
+from .evaluation.align import wrap_angle
 from .log import Floats, Ints
 
 _REFINED = 150
@@ -92,6 +93,16 @@ def _columns(landmarks: Constellation) -> _core._Marks:
         np.maximum(landmarks.variance_m2, _LEAST_VARIANCE_M2),
         np.ascontiguousarray(landmarks.label, dtype=np.int64),
     )
+
+
+def composed(a: Floats, b: Floats) -> Floats:
+    """The pose `b` (3,) as seen from where `a` is the origin's pose."""
+    return np.array([*apply(a, b[None, :2])[0], wrap_angle(a[2] + b[2])])
+
+
+def inverse(a: Floats) -> Floats:
+    """The pose (3,) the other way round."""
+    return np.array([*apply(np.array([0.0, 0.0, -a[2]]), -a[None, :2])[0], -a[2]])
 
 
 def odds_of(found: Sequence[Placement]) -> Floats:

@@ -14,6 +14,7 @@ from .filter import core_errors, landmark_map
 from .localisation import FIRST_WINDOW_S, LONGEST_WINDOW_S, WINDOW_GROWTH, Mode, Search, start_of
 from .log import Floats
 from .maps import Map, Start
+from .placement import composed, inverse
 from .rows import Row
 
 
@@ -63,7 +64,7 @@ class RobotSearch:
         begun = np.array([start["x_m"], start["y_m"], start["heading_rad"]])
         return tuple(
             Mode(
-                _composed(_composed(mode.T_map_robot, _inverse(begun)), T_own_robot),
+                composed(composed(mode.T_map_robot, inverse(begun)), T_own_robot),
                 mode.covariance,
                 mode.probability,
                 mode.matched,
@@ -128,14 +129,3 @@ def search_of_json(kept: dict[str, Any], chart: Map, config: Config) -> RobotSea
 def note(**facts: Any) -> str:
     """What a snapshot of a robot says beside the core's state."""
     return json.dumps({key: value for key, value in facts.items() if value is not None})
-
-
-def _composed(a: Floats, b: Floats) -> Floats:
-    cosine, sine = np.cos(a[2]), np.sin(a[2])
-    heading = np.remainder(a[2] + b[2] + np.pi, 2.0 * np.pi) - np.pi
-    return np.array([a[0] + cosine * b[0] - sine * b[1], a[1] + sine * b[0] + cosine * b[1], heading])
-
-
-def _inverse(a: Floats) -> Floats:
-    cosine, sine = np.cos(a[2]), np.sin(a[2])
-    return np.array([-cosine * a[0] - sine * a[1], sine * a[0] - cosine * a[1], -a[2]])

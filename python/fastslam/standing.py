@@ -13,6 +13,7 @@ from math import exp, lgamma, log
 
 import numpy as np
 
+from .evaluation.align import wrap_angle
 from .laid import Laid
 from .log import Bools, Floats, Ints
 
@@ -71,9 +72,10 @@ class Looks:
         order = np.argsort(laid.landmark, kind="stable")
         bounds = np.searchsorted(laid.landmark[order], np.arange(len(laid.mean_m) + 1))
         good = laid.explained
-        rows = [order[start:end] for start, end in pairwise(bounds.tolist())]
-        self._rows = [own[good[own]] for own in rows]
-        """The sightings that each landmark explains."""
+        self._nearest: list[Ints] = [order[start:end] for start, end in pairwise(bounds.tolist())]
+        """The sightings that each landmark fits best."""
+        self._rows = [own[good[own]] for own in self._nearest]
+        """Those that it explains."""
         self._noise_m = _noise_m(laid)
         self._middle = np.searchsorted(self._of, np.arange(self._count)) + np.bincount(self._of) // 2
         self._aside = float(np.quantile(np.abs(laid.bearing_rad), VIEW_SHARE))
@@ -84,7 +86,7 @@ class Looks:
         origin = self._laid.origin[self._middle]
         apart = self._laid.mean_m[landmark] - origin[:, :2]
         bearing = np.arctan2(apart[:, 1], apart[:, 0]) - origin[:, 2]
-        ahead = np.abs((bearing + np.pi) % (2 * np.pi) - np.pi) < self._aside
+        ahead = np.abs(wrap_angle(bearing)) < self._aside
         return np.asarray(ahead & (np.hypot(apart[:, 0], apart[:, 1]) < reach_m))
 
     def _sighted(self, landmark: int) -> Bools:
@@ -116,7 +118,7 @@ class Looks:
         laid = self._laid
         apart = laid.point_m - laid.mean_m[laid.landmark]
         for landmark in self.chosen.tolist():
-            rows = np.flatnonzero(laid.landmark == landmark)
+            rows = self._nearest[landmark]
             look, number = np.unique(self._of[rows], return_inverse=True)
             half = len(look) // 2
             if half < HALF_LOOKS:
