@@ -12,7 +12,7 @@ def motion_between(
 ) -> tuple[Floats, Floats]:
     """Motion from each stamp to the next, and integrals of densities of noise over the same time.
 
-    Shapes: `twists` (C, 3) as `detection.robot_twists` gives them, `density` (C, P), both held from the stamp
+    Shapes: `twists` (C, 3) as `arc_twists` gives them, `density` (C, P), both held from the stamp
     of a control until the next; returns (K - 1, 3), ahead, left and turn in the frame of the earlier pose,
     and (K - 1, P). Before the first control the robot stands.
     """

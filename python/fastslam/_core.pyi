@@ -88,6 +88,12 @@ def detect(
 def sensor_twists(config_json: str, control_stamps_s: Floats, controls: Floats, stamp_s: Floats) -> Floats:
     """Velocities (N, 3) of the sensor at stamps (N,) in its own frame, by the controls of a log."""
 
+def robot_twists(motion_json: str, control_stamps_s: Floats, controls: Floats) -> Floats:
+    """Velocities (C, 3) of the robot from each control until the next; the arcs end where the rows say.
+
+    `motion_json` is the section `motion`. ValueError for a model that is not known, or keys that it lacks.
+    """
+
 def verdicts() -> list[str]:
     """What may become of a piece of a scan, by number."""
 

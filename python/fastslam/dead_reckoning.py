@@ -6,14 +6,15 @@ asks the filter's own motion model, which knows the noise; a test holds the two 
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 
+from . import _core
 from .datasets.graph import UPPER_3, GraphPath
 from .datasets.planar import chain_increments, increments_between
-from .detection import robot_twists
-from .errors import DataError
+from .errors import ConfigError, DataError
 from .log import Controls, Floats, Log
 from .runner import configure, run
 from .settings import Layer
@@ -144,15 +145,15 @@ def _with_gains(controls: Controls, speed: float, turn: float) -> Controls:
 
 
 def arc_twists(controls: Controls, motion: Layer) -> Floats:
-    """Velocities (C, 3) whose arcs end where the rows say."""
-    twists = robot_twists(controls, dict(motion))
-    if controls.values.shape[1] == 2 or len(twists) < 2:
-        return twists
-    # Rows of increments are chords; an arc with that chord leaves half the turn beside it.
-    half = 0.5 * np.append(controls.values[1:, 2], 0.0)
-    cosine, sine, stretch = np.cos(half), np.sin(half), 1.0 / np.sinc(np.clip(half, -3.0, 3.0) / np.pi)
-    x, y = twists[:, 0] * stretch, twists[:, 1] * stretch
-    return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, twists[:, 2]])
+    """Velocities of the robot from each control until the next, whose arcs end where the rows say.
+
+    Shapes: (C, 3) as forward and left in m/s, turn in rad/s; gains and biases of `motion` are applied.
+    Errors: `ConfigError` for a motion model that is not known.
+    """
+    try:
+        return _core.robot_twists(json.dumps(dict(motion)), controls.stamp_s, controls.values)
+    except ValueError as error:
+        raise ConfigError(f"motion: {error}") from None
 
 
 def _moved(twists: Floats, dt_s: Floats) -> Floats:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from . import _core
 from .config import Config
-from .errors import ConfigError, DataError
-from .log import Controls, Floats, Ints, Log, Scans, Sightings
+from .errors import DataError
+from .log import Floats, Ints, Log, Scans, Sightings
 from .settings import Layer, Schema, Settings
 
 SCHEMA = Schema(_core.detector_schema, _core.resolve_detector, explained_by="docs/detectors.md")
@@ -142,31 +141,3 @@ def sensor_twists(log: Log) -> Floats | None:
 
 def _mounting(scans: Scans) -> dict[str, float]:
     return dict(zip(("x_m", "y_m", "yaw_rad"), scans.mounting, strict=True))
-
-
-def robot_twists(controls: Controls, motion: dict[str, Any]) -> Floats:
-    """Velocity of the robot from each control until the next, gains and biases of `motion` applied.
-
-    Shapes: (C, 3) as in `sensor_twists`. Errors: ConfigError for a motion model that is not known.
-    """
-    values, model = controls.values, motion.get("model")
-    correction = motion.get("correction", {})
-    distance_gain, turn_gain = correction.get("distance_gain", 1.0), correction.get("turn_gain", 1.0)
-    gains, bias = np.array([distance_gain, distance_gain, turn_gain]), np.zeros(3)
-    bias[2] = correction.get("yaw_rate_bias_rad_per_s", 0.0)
-    if model == "velocity":
-        twists: Floats = np.column_stack([values[:, 0], 0 * values[:, 0], values[:, 1]]) * gains + bias
-        return twists
-    if model == "ackermann":
-        length_m, encoder_m = motion["wheelbase_m"], motion["encoder_left_m"]
-        steering = values[:, 1] * motion.get("steering_gain", 1.0) + motion.get("steering_bias_rad", 0.0)
-        center_m_per_s = distance_gain * values[:, 0] / (1 - np.tan(steering) * encoder_m / length_m)
-        turn = center_m_per_s / length_m * np.tan(steering) * turn_gain + bias[2]
-        ahead_m, left_m = motion["sensor_ahead_m"], motion["sensor_left_m"]
-        return np.column_stack([center_m_per_s - turn * left_m, turn * ahead_m, turn])
-    if model in ("odometry", "increments"):
-        # Row i leads from stamp i - 1 to stamp i, so what holds from a stamp on is in the next row.
-        period_s = np.diff(controls.stamp_s)[:, None]
-        moving = values[1:] / period_s * gains + bias
-        return np.vstack([moving, values[-1:] * 0]) if len(values) > 1 else values * 0
-    raise ConfigError(f"motion.model: got {model}, expected velocity, ackermann, odometry or increments")

@@ -23,6 +23,8 @@ SEARCHING = "searching"
 LEAST_PROBABILITY = 1e-3
 MOST_MODES = 20
 """Places that are less likely, or more of them, are not told."""
+KEYS = {"odom": ("cov",), "see": (), "scan": ("echo",)}
+"""What a line may tell at `t`, and what may stand beside each."""
 LONGEST_LINE = 1_000_000
 """Characters; a longer line is no event."""
 
@@ -195,7 +197,8 @@ def session_of(robot: Robot, *, rate_hz: float) -> Session:
 
 
 def tell(robot: Robot, line: str) -> tuple[Step, ...]:
-    """Tells a robot one line: `{"t": 12.3, "odom": [...]}` or `{"t": 12.2, "see": [[r, b, "name"], ...]}`.
+    """Tells a robot one line: `{"t": 12.3, "odom": [...]}`, `{"t": 12.2, "see": [[r, b, "name"], ...]}`, or a
+    turn of its laser, `{"t": 12.2, "scan": [r, null, ...]}`.
 
     Errors: `DataError` for a line that is no event; the robot is as it was.
     """
@@ -205,6 +208,9 @@ def tell(robot: Robot, line: str) -> tuple[Step, ...]:
     stamp_s = event["t"]
     if "odom" in event:
         return robot.odometry(stamp_s, _list("odom", event["odom"]), covariance=event.get("cov"))
+    if "scan" in event:
+        echoes = _beams("echo", event["echo"]) if "echo" in event else None
+        return robot.scan(stamp_s, _beams("scan", event["scan"]), intensities=echoes)
     seen = [_sighting(entry) for entry in _list("see", event["see"])]
     labels = [label for _, _, label in seen]
     named = robot.config["association"]["classes"] is None
@@ -224,9 +230,11 @@ def _event(line: str) -> dict[str, Any]:
         event = json.loads(line)
     except (ValueError, RecursionError) as error:
         raise DataError(f"no JSON ({error})") from None
-    if not isinstance(event, dict) or "t" not in event or ("odom" in event) == ("see" in event):
-        raise DataError(f'got {shown(event)}, expected an object with "t" and "odom", or "t" and "see"')
-    unknown = sorted(set(event) - {"t", "odom", "see", *(["cov"] if "odom" in event else [])})
+    kinds = [kind for kind in KEYS if kind in event] if isinstance(event, dict) and "t" in event else []
+    if not isinstance(event, dict) or len(kinds) != 1:
+        known = ", ".join(f'"{kind}"' for kind in KEYS)
+        raise DataError(f'got {shown(event)}, expected an object with "t" and one of {known}')
+    unknown = sorted(set(event) - {"t", kinds[0], *KEYS[kinds[0]]})
     if unknown:
         raise DataError(f"unknown key {shown(unknown[0])}")
     if isinstance(event["t"], bool) or not isinstance(event["t"], int | float):
@@ -238,6 +246,15 @@ def _list(key: str, value: object) -> list[Any]:
     if not isinstance(value, list):
         raise DataError(f"{key}: got {shown(value)}, expected a list")
     return value
+
+
+def _beams(key: str, value: object) -> list[float]:
+    """One number per beam, NaN where nothing is known."""
+    turn = [math.nan if one is None else one for one in _list(key, value)]
+    for one in turn:
+        if isinstance(one, bool) or not isinstance(one, int | float):
+            raise DataError(f"{key}: got {shown(one)}, expected a number or null for each beam")
+    return turn
 
 
 def _sighting(entry: object) -> tuple[float, float, str | None]:

@@ -3,7 +3,8 @@
 use crate::settings::{from_json, schema_of, to_json, to_python};
 use fastslam_core::detect::{BeamGeometry, Detection, Detector, DetectorConfig, Piece, Scan, Verdict};
 use fastslam_core::error::{Error, Result};
-use fastslam_core::stream::{at_sensor, velocity_at};
+use fastslam_core::motion::Motion;
+use fastslam_core::stream::{at_sensor, velocity_at, velocity_from};
 use fastslam_core::timeline::ControlRow;
 use numpy::ndarray::{ArrayView1, ArrayView2};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -174,13 +175,33 @@ fn sensor_twists<'py>(
     stamp_s: PyReadonlyArray1<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let config = crate::config::parse(config_json)?;
-    let rows = control_stamps_s.as_array().into_iter().zip(crate::arrays::controls(&controls)?);
-    let rows: Vec<ControlRow> =
-        rows.map(|(stamp_s, control)| ControlRow { stamp_s: *stamp_s, control, covariance: None }).collect();
+    let rows = control_rows(&control_stamps_s, &controls)?;
     let mounting = config.sensor.mounting.T_robot_sensor();
     let twist = |stamp_s: &f64| at_sensor(velocity_at(&config.motion, &rows, *stamp_s), mounting);
     let twists: Vec<f64> = stamp_s.as_array().iter().flat_map(twist).collect();
     twists.into_pyarray(py).reshape([stamp_s.as_array().len(), 3])
+}
+
+/// Velocities (C, 3) of the robot from each control until the next, by a motion model: the section `motion` as JSON.
+#[pyfunction]
+fn robot_twists<'py>(
+    py: Python<'py>,
+    motion_json: &str,
+    control_stamps_s: PyReadonlyArray1<'py, f64>,
+    controls: PyReadonlyArray2<'py, f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let motion: Motion = from_json(motion_json)?;
+    let rows = control_rows(&control_stamps_s, &controls)?;
+    let twists: Vec<f64> = (0..rows.len()).flat_map(|row| velocity_from(&motion, &rows, row)).collect();
+    twists.into_pyarray(py).reshape([rows.len(), 3])
+}
+
+fn control_rows(
+    stamps_s: &PyReadonlyArray1<'_, f64>,
+    controls: &PyReadonlyArray2<'_, f64>,
+) -> PyResult<Vec<ControlRow>> {
+    let rows = stamps_s.as_array().into_iter().zip(crate::arrays::controls(controls)?);
+    Ok(rows.map(|(stamp_s, control)| ControlRow { stamp_s: *stamp_s, control, covariance: None }).collect())
 }
 
 /// What may become of a piece of a scan, by number.
@@ -229,5 +250,6 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(resolve_detector, module)?)?;
     module.add_function(wrap_pyfunction!(verdicts, module)?)?;
     module.add_function(wrap_pyfunction!(sensor_twists, module)?)?;
+    module.add_function(wrap_pyfunction!(robot_twists, module)?)?;
     module.add_function(wrap_pyfunction!(detect, module)?)
 }

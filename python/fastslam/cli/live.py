@@ -39,6 +39,9 @@ InMap = Annotated[
 Names = Annotated[Known, typer.Option(help="Which sightings name their landmark.")]
 Classes = Annotated[str, typer.Option(metavar="A,B,..", help="Names of the classes, in order.")]
 Out = Annotated[Path | None, typer.Option(help="Folder for the results, as `run` writes them.")]
+Laser = Annotated[
+    Path | None, typer.Option("--scanner", metavar="FILE", help="YAML of the laser whose turns are told.")
+]
 State = Annotated[
     Path | None, typer.Option("--checkpoint", help="Go on from this file, if there is one; keep the state.")
 ]
@@ -57,17 +60,20 @@ def live_stream(
     map: InMap = None,
     start: StartPose = None,
     start_std: StartStd = None,
+    scanner: Laser = None,
     checkpoint: State = None,
     out: Out = None,
     no_report: NoReport = False,
     watch: Watching = False,
     watch_port: WatchPort = DEFAULT_PORT,
 ) -> None:
-    """Read odometry and sightings as lines of JSON, write estimates as lines of JSON.
+    """Read odometry, sightings and laser scans as lines of JSON, write estimates as lines of JSON.
 
     {"t": 12.30, "odom": [5.9, 0.11]} is a row of odometry in the columns of the motion model,
     {"t": 12.21, "see": [[7.2, 0.31, "blue"], [9.0, -0.2]]} what was seen at 12.21: range, bearing, and
-    class where association.classes is configured, else name. Lines that are none are counted and reported.
+    class where association.classes is configured, else name. With --scanner,
+    {"t": 12.25, "scan": [3.2, null, ..]} is a turn of the laser, a range per beam, in which landmarks are
+    detected. Lines that are none of these are counted and reported.
 
     tcp:PORT listens on this machine only, and ends when the sender closes. The end of the input, Ctrl-C and
     SIGTERM keep the state in --checkpoint, from which the same command goes on.
@@ -84,11 +90,13 @@ def live_stream(
     Examples:
       fastslam live --config car.yaml < events.jsonl
       fastslam live --config car.yaml --in tcp:9000 --checkpoint state.fslam
+      fastslam live --config car.yaml --scanner laser.yaml --identities none < events.jsonl
       fastslam live --config car.yaml --map lap-1.map --start 3,2,0.5 --start-std 0.5,0.5,0.1
     """
     from ..config import load_config, merge, parse_assignments
     from ..live import session_of
     from ..robot import Robot, Window
+    from ..scanner import Scanner
 
     layers = [load_config(config) if config is not None else {}, parse_assignments(settings or [])]
     begin = start_given(start, start_std)
@@ -103,6 +111,7 @@ def live_stream(
             classes=tuple(name.strip() for name in classes.split(",") if name.strip()),
             map=map,
             start=begin,
+            scanner=None if scanner is None else Scanner.load(scanner),
         )
     session = session_of(robot, rate_hz=rate_hz)
     if folder is not None:

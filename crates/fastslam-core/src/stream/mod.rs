@@ -18,7 +18,7 @@ use crate::timeline::{Event, Row, Timeline};
 use intake::{stamp_of, Intake};
 pub use intake::{Refused, Taken, Window};
 use scanner::Scanning;
-pub use scanner::{at_sensor, velocity_at, ScanRow, Scanner};
+pub use scanner::{at_sensor, velocity_at, velocity_from, ScanRow, Scanner};
 use serde::{Deserialize, Serialize};
 use unsampled::with_unsampled;
 pub(crate) use unsampled::PathStep;

@@ -181,18 +181,21 @@ impl ScanRow {
 ///
 /// A row that holds counts from its stamp on; a displacement between the stamp before and its own.
 pub fn velocity_at(motion: &Motion, rows: &[ControlRow], stamp_s: f64) -> [f64; 3] {
+    let begun = match motion.timing() {
+        ControlTiming::Held => rows.partition_point(|row| row.stamp_s <= stamp_s),
+        ControlTiming::Increment => rows.partition_point(|row| row.stamp_s < stamp_s),
+    };
+    begun.checked_sub(1).map_or([0.0; 3], |row| velocity_from(motion, rows, row))
+}
+
+/// As [`velocity_at`], from the stamp of row `row` until the next one.
+pub fn velocity_from(motion: &Motion, rows: &[ControlRow], row: usize) -> [f64; 3] {
     match motion.timing() {
-        ControlTiming::Held => {
-            let held = rows[..rows.partition_point(|row| row.stamp_s <= stamp_s)].last();
-            held.map_or([0.0; 3], |row| motion.row(row.control, 1.0).twist)
-        }
-        ControlTiming::Increment => {
-            let next = rows.partition_point(|row| row.stamp_s < stamp_s);
-            let before = next.checked_sub(1).map(|before| rows[before].stamp_s);
-            let Some((before_s, row)) = before.zip(rows.get(next)) else { return [0.0; 3] };
-            let row_s = row.stamp_s - before_s;
-            motion.row(row.control, row_s).twist.map(|way| way / row_s)
-        }
+        ControlTiming::Held => motion.row(rows[row].control, 1.0).twist,
+        ControlTiming::Increment => rows.get(row + 1).map_or([0.0; 3], |next| {
+            let row_s = next.stamp_s - rows[row].stamp_s;
+            motion.row(next.control, row_s).twist.map(|way| way / row_s)
+        }),
     }
 }
 
