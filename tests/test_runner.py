@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from fastslam.datasets.clean import no_sightings
 from fastslam.errors import ConfigError, DataError
+from fastslam.opinion import best_of
 from fastslam.result import RunResult
-from fastslam.runner import best_of, configure, run, run_many
+from fastslam.runner import configure, run, run_many
 from fastslam.simulation import resolve_simulation, simulate
 from small_log import LANDMARKS_M, make_small_log
 
@@ -105,13 +106,14 @@ def test_the_likeliest_of_several_runs_is_kept() -> None:
     runs = list(run_many(log, settings, seeds=range(5, 9)))
     evidence = [result.log_evidence for result in runs]
     assert len(set(evidence)) == 4 and np.isfinite(evidence).all()
-    best, tries = best_of(log, settings, seeds=range(5, 9))
-    assert [one.seed for one in tries] == [5, 6, 7, 8] and [one.log_evidence for one in tries] == evidence
+    best = best_of(log, settings, seeds=range(5, 9))
+    assert [one.seed for one in best.tries] == [5, 6, 7, 8]
+    assert [one.log_evidence for one in best.tries] == evidence
     likeliest = runs[int(np.argmax(evidence))]
     assert best.config["seed"] == likeliest.config["seed"]
     np.testing.assert_array_equal(best.landmarks.mean_m, likeliest.landmarks.mean_m)
-    stopped, tries = best_of(log, settings, seeds=range(3), progress=interrupt)
-    assert stopped.interrupted and len(tries) == 1
+    stopped = best_of(log, settings, seeds=range(3), progress=interrupt)
+    assert stopped.interrupted and len(stopped.tries) == 1
     with pytest.raises(ConfigError, match="seeds: got none"):
         best_of(log, settings, seeds=())
 

@@ -33,6 +33,8 @@ from fastslam.detection import with_sightings
 from fastslam.evaluation import evaluate
 from fastslam.examination import examine
 from fastslam.log import Controls, Floats, Log
+from fastslam.opinion import DIFFERENT, agreement_with_next, is_second_run_due, second_opinion
+from fastslam.runner import configure
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.trust import doubts
 from fastslam.verdict import is_empty
@@ -242,13 +244,17 @@ def measure(case: Case, data: Path) -> dict[str, Any]:
         "association": {"mode": case.association},
     }
     examined = any(finding.severity in ("error", "problem") for finding in examine(log))
-    result = fastslam.run(log, settings)
+    is_due = is_second_run_due(log, configure(log, settings))
+    result = (second_opinion if is_due else fastslam.run)(log, settings)
     metrics: dict[str, Any] = dict(evaluate(result, sound))
     found, map_m = metrics["landmarks"], metrics["landmark_rmse_m"]
     false = 1.0 - metrics["landmark_matched"] / found if found else 1.0
     least_m = reference_m(case.log, case.seed if case.log in WORLDS else 0, data)
     failed = map_m is None or map_m > FAILED * least_m or false > MOST_FALSE
     ratios = {doubt.rule: doubt.ratio for doubt in doubts(result, log)}
+    share = agreement_with_next(result)
+    if share is not None:
+        ratios["other seeds"] = (1.0 - share) / (1.0 - DIFFERENT)
     row |= {"map_m": map_m, "reference_m": least_m, "false": false, "failed": failed}
     return {**row, "examined": examined or is_empty(result), "ratios": ratios}
 

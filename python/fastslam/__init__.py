@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from .localisation import Localisation, localize
     from .log import Log
     from .maps import Anywhere, Map, Start
+    from .opinion import best_of, second_opinion
     from .result import RunResult
     from .robot import Robot
-    from .runner import best_of, run, run_many
+    from .runner import run, run_many
     from .tuning import tune
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "localize",
     "run",
     "run_many",
+    "second_opinion",
     "tune",
 ]
 
@@ -58,8 +60,9 @@ _MODULE_OF = {
     "load": "datasets",
     "localize": "localisation",
     "run": "runner",
-    "best_of": "runner",
+    "best_of": "opinion",
     "run_many": "runner",
+    "second_opinion": "opinion",
     "tune": "tuning",
 }
 _MODULES = (
@@ -80,6 +83,7 @@ _MODULES = (
     "live",
     *(
         "monte_carlo",
+        "opinion",
         "outputs",
         "plots",
         "report",

@@ -206,6 +206,18 @@ class Steps(StepFields[Floats, Ints, Bools, Ints, Ints], Table):
 
 
 @dataclass(frozen=True)
+class Try:
+    """One of several runs over a log that differ in the seed."""
+
+    seed: int
+    log_evidence: float
+    """See `RunResult.log_evidence`."""
+    landmarks: int
+    agreement: float | None = None
+    """How far it agrees with the run that was kept (`fastslam.opinion.agreement`), where that was asked."""
+
+
+@dataclass(frozen=True)
 class RunResult:
     """The outcome of one run over a log."""
 
@@ -241,6 +253,8 @@ class RunResult:
     """The map that the run began with."""
     changes: Changes | None = None
     """What it found otherwise in it."""
+    tries: tuple[Try, ...] = ()
+    """The runs of which this one was kept, where there were several."""
 
     @property
     def log_evidence(self) -> float:

@@ -9,6 +9,7 @@ import math
 import os
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from .errors import DataError
 from .evaluation import EvaluationOptions, Metrics, evaluate
 from .health import reason_bits, reason_names, status_code, status_name
 from .log import Floats, Log
-from .result import LandmarkMap, RunResult, Steps, Trajectory
+from .result import LandmarkMap, RunResult, Steps, Trajectory, Try
 
 TRAJECTORY_FILE = "trajectory.tum"
 SMOOTHED_FILE = "smoothed.tum"
@@ -229,6 +230,7 @@ def read_result(folder: Path | str) -> RunResult:
         warnings=tuple(facts["warnings"]),
         findings=tuple(facts.get("findings", ())),
         noise=facts["noise"],
+        tries=_tries(facts.get("tries", []), source / RUN_FILE),
     )
 
 
@@ -282,6 +284,7 @@ def _run_facts(result: RunResult) -> dict[str, Any]:
         "warnings": list(result.warnings),
         "findings": list(result.findings),
         "noise": dict(result.noise),
+        "tries": [asdict(one) for one in result.tries],
     }
 
 
@@ -412,6 +415,19 @@ def _read_run_facts(path: Path) -> dict[str, Any]:
         if not isinstance(facts, dict) or not isinstance(facts.get(name), kind):
             raise DataError(f"`{name}` is missing or of the wrong type", path)
     return dict(facts)
+
+
+def _try(seed: Any, log_evidence: Any, landmarks: Any, agreement: Any) -> Try:
+    return Try(
+        int(seed), float(log_evidence), int(landmarks), None if agreement is None else float(agreement)
+    )
+
+
+def _tries(facts: Any, path: Path) -> tuple[Try, ...]:
+    try:
+        return tuple(_try(**one) for one in facts)
+    except (TypeError, ValueError):
+        raise DataError("`tries` is of the wrong type", path) from None
 
 
 def _read_tum(path: Path) -> Trajectory:

@@ -198,50 +198,6 @@ def run_many(
 
 
 @dataclass(frozen=True)
-class Try:
-    """One of several runs over a log that differ in the seed."""
-
-    seed: int
-    log_evidence: float
-    """See `RunResult.log_evidence`."""
-    landmarks: int
-
-
-def best_of(
-    log: Log,
-    config: Layer | None = None,
-    *,
-    seeds: Iterable[int],
-    progress: Progress | None = None,
-    watch: Watch | None = None,
-    sensor: Sensor | None = None,
-) -> tuple[RunResult, tuple[Try, ...]]:
-    """Runs the filter with each seed; the run that makes the sightings most probable, and what all came to.
-
-    >>> from fastslam.simulation import simulate
-    >>> log = simulate({"seed": 1, "world": {"count": 20}})
-    >>> result, tries = best_of(log, {"filter": {"particles": 10}}, seeds=range(3))
-    >>> result.log_evidence == max(one.log_evidence for one in tries)
-    True
-
-    Without identities a run may take a wrong turn that it does not come back from, and chance decides which;
-    the evidence tells. An interrupted run is kept where it is the only one. Errors: as `run_many`, and
-    `ConfigError` without seeds.
-    """
-    best: RunResult | None = None
-    tries: list[Try] = []
-    for result in run_many(log, config, seeds=seeds, progress=progress, watch=watch, sensor=sensor):
-        if result.interrupted and best is not None:
-            break
-        tries.append(Try(int(result.config["seed"]), result.log_evidence, len(result.landmarks.ids)))
-        if best is None or result.log_evidence > best.log_evidence:
-            best = result
-    if best is None:
-        raise ConfigError("seeds: got none, expected one at least")
-    return best, tuple(tries)
-
-
-@dataclass(frozen=True)
 class Given:
     """The map that a run begins with, as the core takes it, and the names of landmarks of both."""
 

@@ -74,7 +74,12 @@ Auto = Annotated[
     bool, typer.Option("--auto", help="Tune first: find noise, gains, mounting and delay, and run with them.")
 ]
 BestOf = Annotated[
-    int, typer.Option(min=1, metavar="N", help="Run with seeds S, S+1, ... and keep the likeliest.")
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        help="Run with seeds S, S+1, ... and keep the likeliest; by default as many as it takes.",
+    ),
 ]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write the numbers only, no pictures.")]
 
@@ -98,7 +103,7 @@ def run_log(
     ] = None,
     seed: Seed = None,
     runs: Annotated[int, typer.Option(min=1, metavar="N", help="Runs with seeds S, S+1, ...")] = 1,
-    best_of: BestOf = 1,
+    best_of: BestOf = None,
     out: Out = None,
     checkpoint_every: CheckpointEvery = None,
     resume: Resume = False,
@@ -133,6 +138,7 @@ def run_log(
     """
     from ..config import load_config, merge, parse_assignments
     from ..datasets.registry import load
+    from ..opinion import is_second_run_due
     from ..runner import configure
 
     flags = {"association": association, "algorithm": algorithm, "particles": particles}
@@ -143,7 +149,7 @@ def run_log(
         parse_assignments([*(settings or []), *given]),
     ]
     topics = topics_named(topic)
-    if best_of > 1 and (runs > 1 or resume or checkpoint_every is not None):
+    if (best_of or 1) > 1 and (runs > 1 or resume or checkpoint_every is not None):
         raise ConfigError("--best-of: goes with neither --runs nor --checkpoint-every and --resume")
     if resume and out is None:
         raise ConfigError("--resume: say with --out in which folder the run left its state")
@@ -163,7 +169,8 @@ def run_log(
         checkpoints = _checkpoints(folder, checkpoint_every, resume=resume)
         port = watch_port if watch else None
         with watched(log.name, configuration, port=port, kind="run") as watcher:
-            if best_of > 1:
+            by_need = best_of is None and runs == 1 and checkpoints is None
+            if (best_of or 1) > 1 or (by_need and is_second_run_due(log, configuration)):
                 finished = run_tries(log, configuration, results, tries=best_of, watch=watcher)
             else:
                 finished = run_all(
@@ -285,21 +292,29 @@ def run_all(
 
 
 def run_tries(
-    log: Log, config: Config, results: Results, *, tries: int, watch: Watch | None = None
+    log: Log, config: Config, results: Results, *, tries: int | None, watch: Watch | None = None
 ) -> Finished:
-    """Runs with so many seeds, from the configured one on, and writes the files of the likeliest run."""
-    from ..runner import best_of
+    """Runs with so many seeds from the configured one on, or as many as it takes, and writes what is kept."""
+    from ..opinion import best_of, second_opinion
 
-    seeds = range(config["seed"], config["seed"] + tries)
     with progress_bar(log.name) as advance:
-        best, tried = best_of(log, config, seeds=seeds, progress=advance, watch=watch)
-    for one in tried:
-        kept = ", kept" if one.seed == best.config["seed"] else ""
+        if tries is None:
+            kept = second_opinion(log, config, progress=advance, watch=watch)
+        else:
+            seeds = range(config["seed"], config["seed"] + tries)
+            kept = best_of(log, config, seeds=seeds, progress=advance, watch=watch)
+    if len(kept.tries) > 2 or tries is not None:
+        _list_tries(kept)
+    kept = replace(kept, findings=tuple(finding.to_dict() for finding in results.findings))
+    metrics = results.write(kept, log, report=results.report)
+    return Finished(kept, [metrics], results.folder, results.report, kept.interrupted)
+
+
+def _list_tries(result: RunResult) -> None:
+    for one in result.tries:
+        kept = ", kept" if one.seed == result.config["seed"] else ""
         line = f"seed {one.seed}: evidence {one.log_evidence:,.1f} nats, {one.landmarks:,} landmarks{kept}"
         stderr().print(line, markup=False, highlight=False, soft_wrap=True)
-    best = replace(best, findings=tuple(finding.to_dict() for finding in results.findings))
-    metrics = results.write(best, log, report=results.report)
-    return Finished(best, [metrics], results.folder, results.report, best.interrupted)
 
 
 def show(finished: Finished, *, json: bool = False) -> None:
