@@ -1,7 +1,7 @@
 //! What a filter is given to begin with: landmarks of a map, and where the robot may be.
 
 use crate::error::{coordinate, Error, Result};
-use crate::gaussian::Gaussian;
+use crate::gaussian::{Gaussian, GaussianOf};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
 use crate::limits::{FARTHEST_M, WIDEST_RAD};
 use crate::motion::MotionGaussian;

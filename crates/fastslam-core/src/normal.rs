@@ -4,8 +4,9 @@
 //! [`crate::landmark`], whose bits and speed are held by tests; what has another size goes through here.
 
 use crate::density::{Fit, Tail, LN_TAU};
-use crate::gaussian::Gaussian;
+use crate::gaussian::{Gaussian, GaussianOf};
 use crate::geometry::Symmetric2;
+use crate::limits::LARGEST_STATE;
 use crate::math;
 
 /// `R` rows of `C` numbers.
@@ -159,16 +160,68 @@ impl<const D: usize> Normal<D> {
         for (share, part) in parts.clone() {
             (0..D).for_each(|d| mean[d] += share * part.mean[d]);
         }
-        let mut covariance = [[0.0; D]; D];
-        for (share, part) in parts {
-            let off: [f64; D] = std::array::from_fn(|d| part.mean[d] - mean[d]);
-            for a in 0..D {
-                for b in 0..D {
-                    covariance[a][b] += share * (part.covariance[a][b] + off[a] * off[b]);
-                }
-            }
-        }
-        Self { mean, covariance }
+        Self::mixture_about(mean, parts.map(|(share, part)| (share, *part)))
+    }
+
+    /// The landmark after a sighting whose innovation has these derivatives by it, and how well that fitted before;
+    /// `None` where nothing can be said.
+    ///
+    /// **Source:** as [`crate::landmark::correct`], which is its instance in the plane, for any number of numbers.
+    pub fn corrected<const Z: usize>(
+        &self,
+        (innovation, by_landmark): (&[f64; Z], &Matrix<Z, D>),
+        noise: &Matrix<Z, Z>,
+        tail: Tail,
+    ) -> Option<(Self, Fit)> {
+        let spread = sum(&congruence(by_landmark, &self.covariance), noise);
+        let fitted = fit(innovation, &spread, tail)?;
+        let widened = scaled(noise, tail.noise_scale_of(Z, fitted.mahalanobis_squared));
+        let change = Self::given(&self.covariance, by_landmark, innovation, &widened)?;
+        let mean = std::array::from_fn(|d| self.mean[d] + change.mean[d]);
+        Some((Self { mean, covariance: change.covariance }, fitted))
+    }
+}
+
+impl<const D: usize> GaussianOf<D> for Normal<D> {
+    fn from_entries(mean: [f64; D], covariance: impl Fn(usize, usize) -> f64) -> Self {
+        let entry = |a: usize, b: usize| covariance(a.min(b), a.max(b));
+        Self { mean, covariance: std::array::from_fn(|a| std::array::from_fn(|b| entry(a, b))) }
+    }
+
+    fn mean(&self) -> [f64; D] {
+        self.mean
+    }
+
+    fn covariance(&self, row: usize, column: usize) -> f64 {
+        self.covariance[row][column]
+    }
+
+    fn is_usable(&self) -> bool {
+        let variances = (0..D).map(|d| self.covariance[d][d]);
+        self.mean.into_iter().chain(variances).all(|value| value.abs() <= LARGEST_STATE)
+            && Cholesky::of(&self.covariance).is_some()
+    }
+
+    fn distance_squared(&self, other: &Self, more: f64) -> f64 {
+        let mut both = sum(&self.covariance, &other.covariance);
+        (0..D).for_each(|d| both[d][d] += more);
+        let off = std::array::from_fn(|d| self.mean[d] - other.mean[d]);
+        Cholesky::of(&both).map_or(f64::NAN, |factor| {
+            let whitened = factor.whitened(&off);
+            dot(&whitened, &whitened)
+        })
+    }
+
+    fn product(&self, other: &Self) -> Self {
+        // Σ = P (P + Q)⁻¹ Q, and what of the way to the other mean its share says: one factor, of the wider matrix.
+        let Some(both) = Cholesky::of(&sum(&self.covariance, &other.covariance)) else {
+            return Self { mean: [f64::NAN; D], covariance: [[f64::NAN; D]; D] };
+        };
+        let gain: Matrix<D, D> = self.covariance.map(|row| both.solve(&row));
+        let off: [f64; D] = std::array::from_fn(|d| other.mean[d] - self.mean[d]);
+        let covariance = product(&gain, &other.covariance);
+        let mean = std::array::from_fn(|d| self.mean[d] + dot(&gain[d], &off));
+        Self::from_entries(mean, |a, b| 0.5 * (covariance[a][b] + covariance[b][a]))
     }
 }
 
@@ -243,5 +296,26 @@ mod tests {
         assert_eq!(ours.mean, theirs.mean);
         assert!((ours.covariance[0][1] - theirs.covariance.xy).abs() < 1e-14);
         assert!((ours.covariance[1][1] - theirs.covariance.yy).abs() < 1e-14);
+    }
+
+    #[test]
+    fn the_plane_is_an_instance_of_any_dimension() {
+        let a = Gaussian { mean: [1.0, -2.0], covariance: Symmetric2::new(0.4, 0.1, 0.9) };
+        let b = Gaussian { mean: [1.5, -1.2], covariance: Symmetric2::new(0.7, -0.2, 0.3) };
+        let (p, q) = (a.normal(), b.normal());
+        let close = |got: Normal<2>, expected: Gaussian| {
+            let expected = expected.normal();
+            let apart = got
+                .mean
+                .iter()
+                .zip(&expected.mean)
+                .chain(got.covariance.iter().flatten().zip(expected.covariance.iter().flatten()));
+            assert!(apart.into_iter().all(|(x, y)| (x - y).abs() < 1e-14), "{got:?} {expected:?}");
+        };
+        close(p.product(&q), a.product(&b));
+        close(p.spread_product(&q, [3.0, 5.0]), a.spread_product(&b, [3.0, 5.0]));
+        assert!((p.distance_squared(&q, 0.2) - a.distance_squared(&b, 0.2)).abs() < 1e-14);
+        let flat = Gaussian { covariance: Symmetric2::new(1.0, 1.0, 1.0), ..a };
+        assert!(p.is_usable() && a.is_usable() && !flat.normal().is_usable() && !flat.is_usable());
     }
 }

@@ -204,7 +204,7 @@ pub fn check_cutting(row: &RowMotion, cuts: &[f64]) -> Result<(), Nonconformance
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::measurement::{birth_at, BearingOnly, Cartesian, Component, RangeBearing, RangeOnly};
     use crate::motion::{Ackermann, Increments, Odometry, Velocity};
@@ -217,7 +217,7 @@ mod tests {
     }
 
     /// A point in space as a sensor with a heading sees it.
-    struct Point;
+    pub(crate) struct Point;
     impl MeasurementModel<3, 3> for Point {
         fn expected<R: Real>(&self, sensor: Pose<R>, landmark: [R; 3]) -> [R; 3] {
             let [x, y] = sensor.inverse().transform([landmark[0], landmark[1]]);

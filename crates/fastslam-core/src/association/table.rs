@@ -1,8 +1,8 @@
 //! The landmarks that a scan may show, how well they fit, and what is decided about each sighting.
 
 use crate::density::Fit;
-use crate::geometry::Symmetric2;
-use crate::landmark::{column, Gaussian};
+use crate::gaussian::{Gaussian, GaussianOf};
+use crate::landmark::{column, Planar};
 use crate::store::Rows;
 use rustc_hash::FxHashMap;
 
@@ -105,10 +105,8 @@ impl CandidateTable {
         let size = self.columns * self.particles;
         let values = &self.values[candidate as usize * size..][..size];
         let at = |column: usize| values[column * self.particles + particle];
-        Some(Gaussian {
-            mean: [at(column::MEAN_X), at(column::MEAN_Y)],
-            covariance: Symmetric2::new(at(column::COV_XX), at(column::COV_XY), at(column::COV_YY)),
-        })
+        let mean = std::array::from_fn(|axis| at(Planar::mean(axis)));
+        Some(Gaussian::from_entries(mean, |a, b| at(Planar::covariance(a, b))))
     }
 
     /// Identity that the landmark was seen with in one particle's map, plus one; 0 for none.

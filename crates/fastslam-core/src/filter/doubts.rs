@@ -16,7 +16,7 @@ use super::setup::Setup;
 use super::state::{Maps, Rejuvenation, State};
 use crate::association::{area_m2, disagreement_m2, CandidateTable, ScanSighting, GATE};
 use crate::geometry::Pose;
-use crate::landmark::column;
+use crate::landmark::Planar;
 use crate::measurement::Placing;
 
 /// A landmark is ambiguous where so many others are expected within the region (99 %) in which it may lie.
@@ -146,7 +146,7 @@ impl<'a, M: Placing> Knowledge<'a, M> {
         if !landmarks.read_row(founded, best, &mut row) {
             return false;
         }
-        let at = [row[column::MEAN_X], row[column::MEAN_Y]];
+        let at = Planar::mean_of(&row);
         let birth = landmarks.birth(founded);
         let sensor = self.setup.models.measurement.noise_covariance().scaled(2.0);
         let max_range_m = self.setup.settings.config.sensor.max_range_m;

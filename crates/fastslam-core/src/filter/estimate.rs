@@ -11,8 +11,7 @@ use crate::association::Appearance;
 use crate::gaussian::Gaussian;
 use crate::geometry::{Pose, Symmetric2};
 use crate::given::Role;
-use crate::landmark::{column, gaussian_in};
-use crate::store::Rows;
+use crate::landmark::{column, Planar};
 use crate::vector::vectorized;
 
 /// A landmark of the estimated map.
@@ -82,7 +81,7 @@ fn map_landmark(settings: &Settings, state: &mut State, slot: u32, best: usize) 
     if sightings == 0.0 {
         return None;
     }
-    let Gaussian { mean, covariance } = mixture_in(&rows, &state.weights.values)?;
+    let Gaussian { mean, covariance } = Planar::mixture(&rows, &state.weights.values)?;
     let identity = if has_names {
         let mark = rows.column(column::IDENTITY)[best];
         (mark > 0.0).then_some((mark - 1.0) as u32)
@@ -113,27 +112,9 @@ pub(super) fn map_of(landmarks: &Landmarks, particle: usize) -> Vec<(u64, [f64; 
     let mut map = Vec::new();
     for slot in landmarks.live_slots() {
         if landmarks.read_row(slot, particle, &mut row) {
-            let covariance = Symmetric2::new(row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]);
-            map.push((landmarks.birth(slot), [row[column::MEAN_X], row[column::MEAN_Y]], covariance));
+            let Gaussian { mean, covariance } = Planar::gaussian_of(&row);
+            map.push((landmarks.birth(slot), mean, covariance));
         }
     }
     map
-}
-
-/// A landmark as the weighted mixture of what the particles that hold it have; `None` where these have no weight.
-fn mixture_in(rows: &Rows<'_>, weights: &[f64]) -> Option<Gaussian> {
-    let (mut mass, mut x, mut y) = (0.0, 0.0, 0.0);
-    for (i, w) in weights.iter().enumerate() {
-        if let Some(landmark) = gaussian_in(rows, i) {
-            mass += w;
-            x += w * landmark.mean[0];
-            y += w * landmark.mean[1];
-        }
-    }
-    if mass == 0.0 {
-        return None;
-    }
-    let held = weights.iter().enumerate();
-    let parts = held.filter_map(|(i, w)| Some((w / mass, gaussian_in(rows, i)?)));
-    Some(Gaussian::mixture_about([x / mass, y / mass], parts))
 }

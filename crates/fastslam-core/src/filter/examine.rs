@@ -10,7 +10,7 @@ use crate::diagnosis::innovations::{PredictedScan, JOINT_MAX};
 use crate::diagnosis::looks::{InView, MapInView};
 use crate::diagnosis::Returns;
 use crate::geometry::Symmetric2;
-use crate::landmark::{column, gaussian_in, innovation_covariance, Gaussian};
+use crate::landmark::{column, innovation_covariance, Gaussian, Planar};
 use crate::measurement::Placing;
 
 /// A landmark seen less often than this may be clutter, of which nobody expects to see it again.
@@ -46,7 +46,7 @@ fn examine_named<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Wor
     for place in spread(known.len(), state.diagnosis.watch.examinations()) {
         let (j, slot) = known[place];
         let rows = state.landmarks.read(slot);
-        pairs.push((scan[j].measured, of_subset(particles, |i| gaussian_in(&rows, i))));
+        pairs.push((scan[j].measured, of_subset(particles, |i| Planar::gaussian_in(&rows, i))));
     }
     score(setup, state, examination, state.particles.best());
 }
@@ -109,7 +109,7 @@ fn look_at_map<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, best: us
         if !landmarks.read_row(slot, best, row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
             continue;
         }
-        if view.contains(pose, [row[column::MEAN_X], row[column::MEAN_Y]]) {
+        if view.contains(pose, Planar::mean_of(row)) {
             let sighted = known.iter().any(|(_, candidate)| associating.table.slots[*candidate as usize] == slot);
             diagnosis.watch.looked(&mut in_view, InView { birth: landmarks.birth(slot), sighted });
         }

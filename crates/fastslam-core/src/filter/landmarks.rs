@@ -4,10 +4,9 @@ use super::appearance::Appearances;
 use super::fading::Fading;
 use crate::association::{Box2, Grid, Identities, ScanSighting};
 use crate::config::Config;
-use crate::gaussian::Gaussian;
-use crate::geometry::Symmetric2;
+use crate::gaussian::{Gaussian, GaussianOf};
 use crate::given::GivenLandmark;
-use crate::landmark::column;
+use crate::landmark::{Columns, Planar};
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreUsage};
 use crate::vector::vectorized;
 use crate::workers::Workers;
@@ -29,9 +28,10 @@ pub struct Slot {
     pub identity: Option<u32>,
 }
 
-/// The population of maps with what all particles have in common.
+/// The population of maps with what all particles have in common: landmarks of `D` coordinates, two or more, of which the
+/// first two are where the spatial index looks for them.
 #[derive(Clone, Serialize, Deserialize)]
-pub struct Landmarks {
+pub struct Landmarks<const D: usize = 2> {
     store: Box<dyn LandmarkStore>,
     columns: usize,
     /// Log-odds of existence by slot; only kept when landmarks may be removed.
@@ -52,10 +52,10 @@ pub struct Landmarks {
     gate_radius: f64,
 }
 
-impl Landmarks {
+impl<const D: usize> Landmarks<D> {
     /// Empty maps; `cell_m` and `gate_radius` (standard deviations) size the spatial index.
     pub fn new(config: &Config, identities: Identities, cell_m: f64, gate_radius: f64) -> Self {
-        let columns = column::COUNT + usize::from(identities == Identities::Some);
+        let columns = Columns::<D>::COUNT + usize::from(identities == Identities::Some);
         let (kind, particles) = (config.filter.store, config.filter.particles as usize);
         Self {
             store: kind.create(particles, columns),
@@ -140,28 +140,23 @@ impl Landmarks {
             appearances.insert(slot);
         }
         let rows = Rows::new(values, self.store.particle_count());
-        place(&mut self.grid, slot, rows.column(column::SIGHTINGS), &position(&rows), self.gate_radius);
+        place(&mut self.grid, slot, rows.column(Columns::<D>::SIGHTINGS), &position::<D>(&rows), self.gate_radius);
         slot
     }
 
-    /// Adds a landmark of a given map with the log-odds that it exists: one row for all particles where the store can.
-    pub fn adopt(&mut self, landmark: &GivenLandmark, log_odds: f64) -> u32 {
-        let mut row = vec![0.0; self.columns];
-        let Gaussian { mean, covariance } = landmark.place;
-        row[column::SIGHTINGS] = f64::from(landmark.sightings.max(1));
-        [row[column::MEAN_X], row[column::MEAN_Y]] = mean;
-        [row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]] = [covariance.xx, covariance.xy, covariance.yy];
-        if let (Some(identity), Some(mark)) = (landmark.identity, row.get_mut(column::IDENTITY)) {
+    /// Adds a landmark whose row is the same in all maps, with the log-odds that it exists: one row for all particles where
+    /// the store can.
+    fn insert_shared(&mut self, identity: Option<u32>, row: &mut [f64], log_odds: f64) -> u32 {
+        if let (Some(identity), Some(mark)) = (identity, row.get_mut(Columns::<D>::IDENTITY)) {
             *mark = f64::from(identity) + 1.0;
         }
-        let slot = self.new_slot(landmark.identity);
-        self.store.insert_shared(slot, &row);
+        let slot = self.new_slot(identity);
+        self.store.insert_shared(slot, row);
         if let Some(existence) = &mut self.existence {
             existence.insert_shared(slot, &[1.0, log_odds]);
         }
         if let Some(appearances) = &mut self.appearances {
             appearances.insert(slot);
-            appearances.learn(slot, &vec![true; self.store.particle_count()], landmark.appearance);
         }
         if self.grid.is_some() {
             self.update_place(slot);
@@ -218,13 +213,12 @@ impl Landmarks {
         self.store.append_rows(slot, out);
     }
 
-    /// One particle's landmark, and how often it was seen; `None` where it holds none.
-    pub fn held_by(&self, particle: usize, slot: u32) -> Option<(Gaussian, u32)> {
-        let mut row = [0.0; column::COUNT];
-        let found = self.read_row(slot, particle, &mut row[..self.columns()]);
-        let covariance = Symmetric2::new(row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]);
-        let mean = [row[column::MEAN_X], row[column::MEAN_Y]];
-        (found && row[column::SIGHTINGS] > 0.0).then(|| (Gaussian { mean, covariance }, row[column::SIGHTINGS] as u32))
+    /// One particle's landmark as this kind of Gaussian, and how often it was seen; `None` where it holds none.
+    pub fn held_as<G: GaussianOf<D>>(&self, particle: usize, slot: u32) -> Option<(G, u32)> {
+        let mut row = vec![0.0; self.columns];
+        let found = self.read_row(slot, particle, &mut row);
+        let count = row[Columns::<D>::SIGHTINGS];
+        (found && count > 0.0).then(|| (Columns::<D>::gaussian_of(&row), count as u32))
     }
 
     /// One particle's landmark; false when it is absent.
@@ -235,7 +229,9 @@ impl Landmarks {
     /// Whether somebody said the identity of one particle's landmark.
     pub fn is_named(&self, slot: u32, particle: usize) -> bool {
         let mut row = vec![0.0; self.columns];
-        self.columns > column::IDENTITY && self.read_row(slot, particle, &mut row) && row[column::IDENTITY] != 0.0
+        self.columns > Columns::<D>::IDENTITY
+            && self.read_row(slot, particle, &mut row)
+            && row[Columns::<D>::IDENTITY] != 0.0
     }
 
     /// Changes a landmark in the maps that `mask` marks (all without one).
@@ -249,7 +245,7 @@ impl Landmarks {
     /// Makes a landmark absent from the maps that `mask` marks.
     pub fn clear_rows(&mut self, slot: u32, mask: &[bool]) {
         self.update(slot, Some(mask), |mut rows| {
-            let count = rows.column(column::SIGHTINGS);
+            let count = rows.column(Columns::<D>::SIGHTINGS);
             (0..mask.len()).filter(|i| mask[*i]).for_each(|i| count[i] = 0.0);
         });
     }
@@ -258,7 +254,7 @@ impl Landmarks {
     fn update_place(&mut self, slot: u32) {
         let Self { store, grid, gate_radius, .. } = self;
         let rows = store.read(slot);
-        place(grid, slot, rows.column(column::SIGHTINGS), &position(&rows), *gate_radius);
+        place(grid, slot, rows.column(Columns::<D>::SIGHTINGS), &position::<D>(&rows), *gate_radius);
     }
 
     /// Appends the landmarks that may lie in a region, in no particular order.
@@ -297,8 +293,10 @@ impl Landmarks {
         self.find(&region, &mut found);
         found.sort_unstable_by_key(|slot| self.birth(*slot));
         found.dedup();
-        let held =
-            |slot: u32| self.read_row(slot, map, &mut row).then(|| (slot, [row[column::MEAN_X], row[column::MEAN_Y]]));
+        let held = |slot: u32| {
+            self.read_row(slot, map, &mut row)
+                .then(|| (slot, std::array::from_fn(|axis| row[Columns::<D>::mean(axis)])))
+        };
         found.into_iter().filter_map(held).collect()
     }
 
@@ -322,8 +320,28 @@ impl Landmarks {
     }
 }
 
-fn position<'a>(rows: &Rows<'a>) -> [&'a [f64]; 4] {
-    [column::MEAN_X, column::MEAN_Y, column::COV_XX, column::COV_YY].map(|c| rows.column(c))
+impl Landmarks {
+    /// One particle's landmark, and how often it was seen; `None` where it holds none.
+    pub fn held_by(&self, particle: usize, slot: u32) -> Option<(Gaussian, u32)> {
+        self.held_as(particle, slot)
+    }
+
+    /// Adds a landmark of a given map with the log-odds that it exists.
+    pub fn adopt(&mut self, landmark: &GivenLandmark, log_odds: f64) -> u32 {
+        let mut row = vec![0.0; self.columns];
+        Planar::write(f64::from(landmark.sightings.max(1)), &landmark.place, &mut row);
+        let slot = self.insert_shared(landmark.identity, &mut row, log_odds);
+        if let Some(appearances) = &mut self.appearances {
+            appearances.learn(slot, &vec![true; self.store.particle_count()], landmark.appearance);
+        }
+        slot
+    }
+}
+
+/// Means and variances of the first two coordinates.
+fn position<'a, const D: usize>(rows: &Rows<'a>) -> [&'a [f64]; 4] {
+    let columns = [0, 1].map(|axis| [Columns::<D>::mean(axis), Columns::<D>::covariance(axis, axis)]);
+    [columns[0][0], columns[1][0], columns[0][1], columns[1][1]].map(|c| rows.column(c))
 }
 
 /// Enters a landmark's box: all means, widened by the gate over the largest trace of a covariance (which bounds its
@@ -364,18 +382,114 @@ fn place(grid: &mut Option<Grid>, slot: u32, count: &[f64], [x, y, xx, yy]: &[&[
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::density::Tail;
+    use crate::geometry::Pose;
+    use crate::landmark::{Seen, SensorPoses};
+    use crate::measurement::MeasurementModel;
+    use crate::normal::{Cholesky, Normal};
+    use crate::store::StoreKind;
+    use crate::testing::tests::Point;
 
     #[test]
     fn a_name_that_came_later_counts_in_the_maps_that_have_it() {
         let mut config = Config::default();
         config.filter.particles = 2;
-        let mut landmarks = Landmarks::new(&config, Identities::Some, 1.0, 3.0);
+        let mut landmarks = Landmarks::<2>::new(&config, Identities::Some, 1.0, 3.0);
         let columns = landmarks.columns();
         let mut rows = vec![1.0; 2 * columns];
-        rows[2 * column::IDENTITY..].fill(0.0);
+        rows[2 * Planar::IDENTITY..].fill(0.0);
         let slot = landmarks.insert(None, &rows, 0.0);
         assert!(!landmarks.is_named(slot, 0) && !landmarks.is_named(slot, 1));
-        landmarks.update(slot, Some(&[false, true]), |mut rows| rows.column(column::IDENTITY)[1] = 5.0);
+        landmarks.update(slot, Some(&[false, true]), |mut rows| rows.column(Planar::IDENTITY)[1] = 5.0);
         assert!(!landmarks.is_named(slot, 0) && landmarks.is_named(slot, 1));
+    }
+
+    /// All that three stores say of the same landmarks in space, as bits.
+    fn said(landmarks: &mut Landmarks<3>, slots: &[u32]) -> Vec<u64> {
+        let held = |slot: u32, map: usize| landmarks.held_as::<Normal<3>>(map, slot);
+        let mut bits = Vec::new();
+        for (slot, map) in slots.iter().flat_map(|slot| (0..4).map(move |map| (*slot, map))) {
+            let numbers = held(slot, map)
+                .map(|(place, count)| [place.mean, place.covariance[0], place.covariance[2], [f64::from(count); 3]]);
+            bits.extend(numbers.unwrap_or_default().into_iter().flatten().map(f64::to_bits));
+        }
+        bits
+    }
+
+    /// Two landmarks in space, sighted from four poses, in copied maps, one of them sighted again, and then one.
+    fn in_space(kind: StoreKind) -> Vec<u64> {
+        let mut config = Config::default();
+        (config.filter.particles, config.filter.store) = (4, kind);
+        let mut landmarks = Landmarks::<3>::new(&config, Identities::None, 1.0, 3.0);
+        assert_eq!(landmarks.columns(), 10);
+        let mut poses = SensorPoses::default();
+        poses.set(&[0.0, 0.1, 0.2, 0.3], &[0.0; 4], &[0.1, 0.2, 0.3, 0.4], Pose::default());
+        let seen =
+            |measured| Seen { model: &Point, poses: &poses, measured, noise: Point.noise(), tail: Tail::Gaussian };
+        let (mut rows, mut slots) = (Vec::new(), Vec::new());
+        for measured in [[5.0, 0.2, 1.0], [5.1, 0.3, 1.1]] {
+            seen(measured).first::<3>(landmarks.columns(), &mut rows);
+            slots.push(landmarks.insert(None, &rows, 0.0));
+        }
+        let (older, younger) = (slots[0], slots[1]);
+        landmarks.resample(&[0, 1, 1, 3]);
+        assert_eq!([1, 2].map(|map| landmarks.held_as::<Normal<3>>(map, older).is_some()), [true; 2]);
+        let (before, _): (Normal<3>, _) = landmarks.held_as(2, older).unwrap();
+        let mut log_likelihood = [0.0; 4];
+        landmarks.update(older, Some(&[true, true, false, true]), |mut rows| {
+            let kept = rows.as_rows().column(0).to_vec();
+            assert_eq!(kept, [1.0; 4]);
+            let untouched: Vec<f64> = (0..10).map(|c| rows.column(c)[2]).collect();
+            assert_eq!(seen([5.2, 0.1, 0.9]).correct::<3>(&mut rows, &mut log_likelihood), 0);
+            (0..10).for_each(|c| rows.column(c)[2] = untouched[c]);
+        });
+        // The copy of a map does not change with it.
+        assert_eq!(landmarks.held_as(2, older), Some((before, 1)));
+        let (after, count): (Normal<3>, _) = landmarks.held_as(1, older).unwrap();
+        assert_eq!(count, 2);
+        check_update(&before, &after, poses.get(1));
+        let mut bits = said(&mut landmarks, &slots);
+        bits.extend(log_likelihood.map(f64::to_bits));
+        merge_in_space(&mut landmarks, [older, younger]);
+        bits.extend(said(&mut landmarks, &slots));
+        bits
+    }
+
+    /// The information form: Σ'⁻¹ = Σ⁻¹ + Gᵀ R⁻¹ G.
+    fn check_update(before: &Normal<3>, after: &Normal<3>, pose: Pose) {
+        let inverse = |s: &[[f64; 3]; 3]| Cholesky::of(s).unwrap().inverse();
+        let g = Point.linearize(pose, before.mean).by_landmark;
+        let transposed = std::array::from_fn(|a| std::array::from_fn(|b| g[b][a]));
+        let added = crate::normal::congruence(&transposed, &inverse(&Point.noise()));
+        let expected = inverse(&crate::normal::sum(&inverse(&before.covariance), &added));
+        for (got, expected) in after.covariance.iter().flatten().zip(expected.iter().flatten()) {
+            assert!((got - expected).abs() < 1e-14, "{after:?} {expected:?}");
+        }
+    }
+
+    /// Makes one of two landmarks in all maps, and looks for it where it is.
+    fn merge_in_space(landmarks: &mut Landmarks<3>, [older, younger]: [u32; 2]) {
+        let copy = |rows: Rows<'_>| (0..10).flat_map(|c| rows.column(c).to_vec()).collect::<Vec<_>>();
+        let pair = [older, younger].map(|slot| copy(landmarks.read(slot)));
+        let [old, young] = [0, 1].map(|of| Rows::new(&pair[of], 4));
+        let [a, b] = [old, young].map(|rows| Columns::<3>::gaussian_in::<Normal<3>>(&rows, 0).unwrap());
+        landmarks.update(older, None, |mut rows| {
+            (0..4).for_each(|i| Columns::<3>::fuse::<Normal<3>>(&mut rows, i, [&old, &young], false));
+        });
+        landmarks.remove(younger);
+        assert_eq!(landmarks.live_slots(), [older]);
+        let (both, count): (Normal<3>, _) = landmarks.held_as(0, older).unwrap();
+        assert_eq!((both, count), (a.product(&b), 3));
+        let whole: Normal<3> = Columns::<3>::mixture(&landmarks.read(older), &[0.25; 4]).unwrap();
+        assert!(whole.covariance[2][2] >= both.covariance[2][2] && (whole.mean[2] - 1.0).abs() < 0.1);
+        assert_eq!(landmarks.places_near(0, [both.mean[0], both.mean[1]], 0.5).len(), 1);
+        assert!(landmarks.places_near(0, [-9.0, 4.0], 0.5).is_empty());
+    }
+
+    #[test]
+    fn landmarks_in_space_are_kept_copied_corrected_and_merged_by_every_store() {
+        let [dense, tree, lineage] = [StoreKind::Dense, StoreKind::Tree, StoreKind::Lineage].map(in_space);
+        assert_eq!(dense.len(), 2 * 2 * 4 * 12 + 4);
+        assert!(dense == tree && dense == lineage);
     }
 }

@@ -7,8 +7,8 @@ use super::setup::Setup;
 use super::state::State;
 use super::work::{Claims, Judging};
 use crate::association::{Box2, Decision};
-use crate::geometry::{Pose, Symmetric2};
-use crate::landmark::{column, innovation_covariance};
+use crate::geometry::Pose;
+use crate::landmark::{column, innovation_covariance, Gaussian, Planar};
 use crate::math;
 use crate::measurement::Placing;
 use std::f64::consts::PI;
@@ -84,7 +84,7 @@ fn look_for<M: Placing>(
     row: &mut [f64],
 ) -> Option<Look> {
     let holder = holder(state, slot, row)?;
-    let (sensor, mean) = (sensor_of(setup, state, holder), [row[column::MEAN_X], row[column::MEAN_Y]]);
+    let (sensor, mean) = (sensor_of(setup, state, holder), Planar::mean_of(row));
     let [ahead, left] = sensor.inverse().transform(mean);
     let seen_at = [ahead.hypot(left), math::atan2(left, ahead)];
     let place = state.landmarks.fading.as_ref()?.place(seen_at)?;
@@ -92,7 +92,7 @@ fn look_for<M: Placing>(
     if !sighted && claims.hides(seen_at) {
         return None;
     }
-    let covariance = Symmetric2::new(row[column::COV_XX], row[column::COV_XY], row[column::COV_YY]);
+    let Gaussian { covariance, .. } = Planar::gaussian_of(row);
     let model = &setup.models.measurement;
     let by_landmark = model.linearize(sensor, mean).by_landmark;
     let innovation = innovation_covariance(by_landmark, covariance, model.noise_covariance());

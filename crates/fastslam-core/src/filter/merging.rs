@@ -12,10 +12,10 @@ use super::work::{Claims, Correcting};
 use crate::association::{Decision, Merging};
 use crate::density::chi_squared_2;
 use crate::diagnosis::health::Watch;
-use crate::gaussian::{distance_squared, product, spread_product, Gaussian};
-use crate::landmark::{column, gaussian_in};
+use crate::gaussian::{Gaussian, GaussianOf};
+use crate::landmark::{column, Planar};
 use crate::smoothing::RARE;
-use crate::store::{Rows, RowsMut};
+use crate::store::Rows;
 
 /// Duplicates are looked for in every so many steps.
 const PERIOD: u64 = 8;
@@ -111,7 +111,7 @@ impl<'a> Unions<'a> {
                     if union.moved[i] {
                         (0..columns).for_each(|c| rows.column(c)[i] = young.column(c)[i]);
                     } else if union.fused[i] {
-                        fuse(&mut rows, i, [&old, &young], unsure);
+                        Planar::fuse::<Gaussian>(&mut rows, i, [&old, &young], unsure);
                     }
                 }
             });
@@ -169,14 +169,14 @@ impl<'a> Unions<'a> {
         let elsewhere = average(old, n);
         let mut union = Union { moved: vec![false; n], fused: vec![false; n] };
         for i in (0..n).filter(|i| !named(*i)) {
-            let Some(b) = gaussian_in(young, i) else { continue };
-            let own = gaussian_in(old, i);
+            let Some(b) = Planar::gaussian_in::<Gaussian>(young, i) else { continue };
+            let own = Planar::gaussian_in(old, i);
             let Some(a) = own.or(elsewhere) else { continue };
             let sightings = young.column(column::SIGHTINGS)[i];
             if together * RARE > sightings {
                 continue;
             }
-            if distance_squared(&a, &b, tolerance) <= gate {
+            if a.distance_squared(&b, tolerance) <= gate {
                 let target = if own.is_some() { &mut union.fused } else { &mut union.moved };
                 target[i] = true;
             }
@@ -203,24 +203,9 @@ fn merge_existence(landmarks: &mut Landmarks, [older, younger]: [u32; 2], touche
     });
 }
 
-/// Puts the product of two landmarks of one map into its row of the older one; spread where both may be beside the truth.
-fn fuse(rows: &mut RowsMut<'_>, i: usize, pair: [&Rows<'_>; 2], unsure: bool) {
-    let [Some(a), Some(b)] = pair.map(|rows| gaussian_in(rows, i)) else { return };
-    let counts = pair.map(|rows| rows.column(column::SIGHTINGS)[i]);
-    let both = if unsure { spread_product(&a, &b, counts) } else { product(&a, &b) };
-    // Ellipses without width have no product in doubles: the older one stands for both.
-    let both = if both.is_usable() { both } else { a };
-    rows.column(column::SIGHTINGS)[i] = counts[0] + counts[1];
-    rows.column(column::MEAN_X)[i] = both.mean[0];
-    rows.column(column::MEAN_Y)[i] = both.mean[1];
-    rows.column(column::COV_XX)[i] = both.covariance.xx;
-    rows.column(column::COV_XY)[i] = both.covariance.xy;
-    rows.column(column::COV_YY)[i] = both.covariance.yy;
-}
-
 /// Mean over the maps that hold a landmark, with its spread between and within them.
 fn average(rows: &Rows<'_>, n: usize) -> Option<Gaussian> {
-    let held: Vec<Gaussian> = (0..n).filter_map(|i| gaussian_in(rows, i)).collect();
+    let held: Vec<Gaussian> = (0..n).filter_map(|i| Planar::gaussian_in(rows, i)).collect();
     if held.is_empty() {
         return None;
     }

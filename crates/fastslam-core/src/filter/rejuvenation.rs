@@ -18,8 +18,9 @@ use super::state::{Rejuvenation, State};
 use super::work::Work;
 use crate::association::Identities;
 use crate::diagnosis::names::IMPLAUSIBLE;
+use crate::gaussian::{Gaussian, GaussianOf};
 use crate::geometry::Pose;
-use crate::landmark::{column, Gaussian};
+use crate::landmark::Planar;
 use crate::math;
 use crate::measurement::Placing;
 use crate::motion::MotionGaussian;
@@ -275,7 +276,7 @@ fn places_of(landmarks: &Landmarks, particle: usize) -> FxHashMap<u32, Place> {
     let mut places = FxHashMap::default();
     for slot in landmarks.live_slots() {
         if landmarks.read_row(slot, particle, &mut row) {
-            places.insert(landmarks.birth(slot) as u32, (slot, [row[column::MEAN_X], row[column::MEAN_Y]]));
+            places.insert(landmarks.birth(slot) as u32, (slot, Planar::mean_of(&row)));
         }
     }
     places
@@ -306,19 +307,10 @@ fn take_over(maps: &mut Landmarks, landmarks: &[Sights], drawn: &Drawn, places: 
 
 /// Puts what was drawn of a landmark into its rows.
 fn put(gaussians: &[Gaussian], mut rows: RowsMut<'_>) {
-    let number = |g: &Gaussian, c: usize| match c {
-        column::MEAN_X => g.mean[0],
-        column::MEAN_Y => g.mean[1],
-        column::COV_XX => g.covariance.xx,
-        column::COV_XY => g.covariance.xy,
-        _ => g.covariance.yy,
-    };
-    for c in [column::MEAN_X, column::MEAN_Y, column::COV_XX, column::COV_XY, column::COV_YY] {
-        for (value, gaussian) in rows.column(c).iter_mut().zip(gaussians) {
-            // A landmark at the sensor has no direction; it stays what it was.
-            if gaussian.is_usable() {
-                *value = number(gaussian, c);
-            }
+    for (i, gaussian) in gaussians.iter().enumerate() {
+        // A landmark at the sensor has no direction; it stays what it was.
+        if gaussian.is_usable() {
+            Planar::put(gaussian, &mut rows, i);
         }
     }
 }

@@ -1,36 +1,49 @@
 //! The landmark filter: one small extended Kalman filter per landmark and particle, all particles in one pass.
 //!
-//! A row of the store holds the numbers of [`column`]. The passes here are loops without branches over columns, so
-//! that they turn into vector code; the identities in their docs are those of `montemerlo2002fastslam`.
+//! A row of the store holds the numbers of [`Columns`], whose layout follows from the dimension of the landmarks. The
+//! passes here are loops over the columns of the plane without branches, so that they turn into vector code; landmarks of
+//! any dimension and sensors of any size go through [`Seen`], one by one. The identities in the docs are those of
+//! `montemerlo2002fastslam`.
+
+mod columns;
+mod seen;
+
+pub use columns::Columns;
+pub use seen::Seen;
 
 pub use crate::density::{fit, fit_with_tail, Fit, Tail};
 pub use crate::gaussian::Gaussian;
 use crate::geometry::{Pose, Symmetric2};
 use crate::measurement::Placing;
 pub use crate::sighting::Measured;
-use crate::store::{Rows, RowsMut};
+use crate::store::RowsMut;
 use crate::vector::vectorized;
 
-/// What the columns of a landmark's rows hold.
+/// The columns of the plane by name, for its kernels.
 pub mod column {
+    use super::Planar;
+
     /// Number of sightings; 0 where the particle's map lacks the landmark.
-    pub const SIGHTINGS: usize = 0;
+    pub const SIGHTINGS: usize = Planar::SIGHTINGS;
     /// Mean position, metres.
-    pub const MEAN_X: usize = 1;
+    pub const MEAN_X: usize = Planar::mean(0);
     /// Mean position, metres.
-    pub const MEAN_Y: usize = 2;
+    pub const MEAN_Y: usize = Planar::mean(1);
     /// Covariance, square metres.
-    pub const COV_XX: usize = 3;
+    pub const COV_XX: usize = Planar::covariance(0, 0);
     /// Covariance, square metres.
-    pub const COV_XY: usize = 4;
+    pub const COV_XY: usize = Planar::covariance(0, 1);
     /// Covariance, square metres.
-    pub const COV_YY: usize = 5;
+    pub const COV_YY: usize = Planar::covariance(1, 1);
     /// How many columns every landmark has.
-    pub const COUNT: usize = 6;
+    pub const COUNT: usize = Planar::COUNT;
     /// One more than the identity that the landmark was seen with, 0 for none. Only in logs where some sightings have
     /// an identity and others have none.
-    pub const IDENTITY: usize = 6;
+    pub const IDENTITY: usize = Planar::IDENTITY;
 }
+
+/// The landmarks of the plane, whose passes over all maps are the kernels here.
+pub type Planar = Columns<2>;
 
 /// Poses of the sensor, one per particle, as columns.
 #[derive(Clone, Debug, Default)]
@@ -251,19 +264,6 @@ fn first_where<M: Placing>(
         let covariance = landmark.covariance;
         (xx[i], xy[i], yy[i]) = (pick(covariance.xx), pick(covariance.xy), pick(covariance.yy));
     }
-}
-
-/// The Gaussian of particle `i` in rows of a landmark; `None` where it is absent.
-#[inline(always)]
-pub fn gaussian_in(rows: &Rows<'_>, i: usize) -> Option<Gaussian> {
-    (rows.column(column::SIGHTINGS)[i] != 0.0).then(|| Gaussian {
-        mean: [rows.column(column::MEAN_X)[i], rows.column(column::MEAN_Y)[i]],
-        covariance: Symmetric2::new(
-            rows.column(column::COV_XX)[i],
-            rows.column(column::COV_XY)[i],
-            rows.column(column::COV_YY)[i],
-        ),
-    })
 }
 
 #[cfg(test)]

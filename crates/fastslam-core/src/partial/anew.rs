@@ -7,7 +7,7 @@ use super::sensing::{Calibration, Request, Sensing};
 use super::PartialSlam;
 use crate::error::Result;
 use crate::filter::PoseEstimate;
-use crate::gaussian::Gaussian;
+use crate::gaussian::{Gaussian, GaussianOf};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
 use crate::math;
 use crate::normal::{Cholesky, Matrix, Normal};
@@ -132,7 +132,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let draws: Vec<Draw> =
             (0..self.state.cloud.particles.len()).map(|particle| about.draw(stream, particle, spread)).collect();
         let sound = |(pose, map, drawn): &Draw| {
-            pose.is_finite() && map.iter().all(Gaussian::is_usable) && drawn.scale > 0.0 && drawn.bias.is_finite()
+            pose.is_finite() && map.iter().all(GaussianOf::is_usable) && drawn.scale > 0.0 && drawn.bias.is_finite()
         };
         draws.iter().all(sound).then_some(Draws { draws, marginal, gauge })
     }

@@ -2,9 +2,9 @@
 
 use super::past::Noise;
 use super::sensing::Look;
-use crate::gaussian::{distance_squared, Gaussian};
+use crate::gaussian::{Gaussian, GaussianOf};
 use crate::math;
-use crate::normal::{congruence, fit, scaled, sum, Matrix, Normal};
+use crate::normal::{congruence, sum, Matrix, Normal};
 use serde::{Deserialize, Serialize};
 
 /// Components with a smaller share of the likeliest one's are dropped.
@@ -107,7 +107,7 @@ impl Place {
         parts.retain(|part| part.log_share >= least);
         let mut kept: Vec<Part> = Vec::with_capacity(parts.len());
         for part in parts.iter() {
-            let near = |other: &&mut Part| distance_squared(&other.gaussian, &part.gaussian, 0.0) < SAME;
+            let near = |other: &&mut Part| other.gaussian.distance_squared(&part.gaussian, 0.0) < SAME;
             match kept.iter_mut().find(near) {
                 Some(other) => *other = other.merged(part),
                 None => kept.push(*part),
@@ -141,12 +141,9 @@ impl Part {
     /// As [`crate::landmark::correct`], for any number of numbers; `None` where nothing can be said, and nothing is
     /// changed.
     fn correct<const Z: usize>(&mut self, look: &Look<Z>, noise: &Noise<Z>) -> Option<f64> {
-        let covariance = self.gaussian.normal().covariance;
-        let fitted = fit(&look.innovation, &spread_of(look, &self.gaussian, &noise.covariance), noise.tail)?;
-        let widened = scaled(&noise.covariance, noise.tail.noise_scale_of(Z, fitted.mahalanobis_squared));
-        let change = Normal::given(&covariance, &look.by_landmark, &look.innovation, &widened)?;
-        let mean = std::array::from_fn(|d| self.gaussian.mean[d] + change.mean[d]);
-        let corrected = Gaussian::from(Normal { mean, covariance: change.covariance });
+        let seen = (&look.innovation, &look.by_landmark);
+        let (corrected, fitted) = self.gaussian.normal().corrected(seen, &noise.covariance, noise.tail)?;
+        let corrected = Gaussian::from(corrected);
         if corrected.is_usable() {
             self.gaussian = corrected;
         }

@@ -87,6 +87,11 @@ impl<'a> RowsMut<'a> {
         })
     }
 
+    /// The same to be read.
+    pub fn as_rows(&self) -> Rows<'_> {
+        Rows { values: self.values, rows: self.rows }
+    }
+
     /// Column `index`.
     pub fn column(&mut self, index: usize) -> &mut [f64] {
         &mut self.values[index * self.rows..(index + 1) * self.rows]
