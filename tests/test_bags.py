@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 from cli_runner import fastslam
 from fastslam.datasets import load
+from fastslam.datasets.native_settings import REAR_AXLE
 from fastslam.errors import ConfigError, DataError
+from fastslam.runner import configure
 from small_log import LANDMARKS_M, make_small_log
 
 pytest.importorskip("rosbags", reason="the extra `bags` is not installed")
@@ -270,7 +272,8 @@ def test_odometry_by_poses_twists_and_steering_and_a_path_that_is_the_truth(tmp_
     )
     car: Messages = [("/car", s, stamped_drive(header(s, ""), drive(0.1, 2.0))) for s, _ in rows]
     log = load(write(tmp_path / "car", [*car, *see]))
-    assert log.config["motion"]["model"] == "ackermann"
+    assert log.config["motion"] == {"model": "ackermann"} | REAR_AXLE
+    assert any("rear axle" in note for note in log.notes)
     assert log.controls.values[0] == pytest.approx([2.0, 0.1])
 
 
@@ -292,6 +295,15 @@ def test_scans_keep_their_geometry_also_upside_down(roll: float, tmp_path: Path)
     expected = ranges if roll == 0.0 else ranges[::-1]
     np.testing.assert_array_equal(log.scans.ranges_m[0], expected)
     assert log.scans.mounting == pytest.approx((0.2, 0.0, 0.0))
+    # What a run is told before anything is detected is what it needs afterwards.
+    settings = configure(log)
+    assert settings["association"]["mode"] == "unknown"
+    assert settings["sensor"]["mounting"]["x_m"] == pytest.approx(0.2)
+    done = fastslam("convert", tmp_path / "drive", tmp_path / "log")
+    assert done.exit_code == 0 and "3 scans" in done.stdout
+    again = load(tmp_path / "log")
+    assert again.scans is not None and configure(again) == settings
+    np.testing.assert_array_equal(again.scans.ranges_m, log.scans.ranges_m)
 
 
 def test_one_command_runs_a_bag_and_eval_finds_it_again(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fastslam.datasets import load, write_native
+from fastslam.datasets.native_settings import REAR_AXLE
 from fastslam.datasets.native_sightings import COVARIANCE_COLUMNS
 from fastslam.errors import DataError
 from small_log import make_small_log
@@ -156,9 +157,31 @@ def test_fault_is_reported_with_its_place(folder: Path, name: str, content: str 
     assert message.startswith(str(folder))
 
 
-def test_text_that_is_not_utf8_is_reported_with_its_line(folder: Path) -> None:
-    (folder / "sightings.csv").write_bytes(SIGHTINGS.encode() + "0.3,1.0,0.0,Öl,\n".encode("latin-1"))
-    with pytest.raises(DataError, match=r"sightings\.csv:4: is not UTF-8 text"):
+def test_a_car_that_says_nothing_of_its_size_is_measured_on_its_rear_axle(folder: Path) -> None:
+    (folder / "odometry.csv").write_text(ODOMETRY.replace("yaw_rate_rad_per_s", "steering_rad"))
+    car = YAML.replace("velocity", "ackermann").replace("yaw_rate_std", "steering_std")
+    (folder / "log.yaml").write_text(car)
+    log = load(folder)
+    assert REAR_AXLE.items() <= log.config["motion"].items() and len(REAR_AXLE) == 3
+    assert any("rear axle; motion.wheelbase_m is the default's" in note for note in log.notes)
+    (folder / "log.yaml").write_text(car.replace("ackermann", "ackermann, sensor_ahead_m: 1.2", 1))
+    log = load(folder)
+    assert "encoder_left_m" not in log.config["motion"] and not any("axle" in note for note in log.notes)
+
+
+def test_text_that_is_not_utf8_is_read_as_spreadsheets_write_it(folder: Path) -> None:
+    (folder / "sightings.csv").write_bytes(SIGHTINGS.encode() + "0.3,1.0,0.0,Öl 20 °,\n".encode("cp1252"))
+    log = load(folder)
+    assert "Öl 20 °" in log.identity_names
+    assert [note for note in log.notes if "1252" in note] == [
+        "sightings.csv: is not UTF-8, taken as Windows-1252"
+    ]
+
+
+@pytest.mark.parametrize("strange", [b"\x81", b"\xbf", b"\xfe\x00", b"\xe9\x01"])
+def test_what_is_no_text_is_reported_with_its_line(folder: Path, strange: bytes) -> None:
+    (folder / "sightings.csv").write_bytes(SIGHTINGS.encode() + b"0.3,1.0,0.0," + strange + b",\n")
+    with pytest.raises(DataError, match=r"sightings\.csv:4: is not UTF-8 text: save it as UTF-8"):
         load(folder)
 
 

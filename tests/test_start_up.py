@@ -58,6 +58,27 @@ def test_help_and_version_load_nothing_heavy(arguments: str) -> None:
     assert not modules & (HEAVY | {"rich"})
 
 
+def test_only_the_named_command_is_made() -> None:
+    code = (
+        "import json, sys, typer\n"
+        "from fastslam.cli import app\n"
+        "from fastslam.cli.app import make_only\n"
+        "names = []\n"
+        "for word in sys.argv[1:]:\n"
+        "    make_only(word)\n"
+        "    names.append(list(typer.main.get_command(app).commands))\n"
+        "print(json.dumps(names))"
+    )
+    words = ["", "--help", "nonsense", "config"]
+    shown = subprocess.check_output([sys.executable, "-c", code, *words], text=True)
+    *all_of_them, one = json.loads(shown)
+    assert one == ["config"] and len(all_of_them) == 3
+    assert all(len(names) > 15 for names in all_of_them)
+    # `--help` before a command is help of all; a command that nobody knows is told beside those that exist.
+    asked = [sys.executable, "-m", "fastslam", "config", "--help"]
+    assert "python -m fastslam config" in subprocess.check_output(asked, text=True)
+
+
 def test_completion_loads_nothing_heavy() -> None:
     words = {"COMP_WORDS": "fastslam run --", "COMP_CWORD": "2", "_FASTSLAM_COMPLETE": "complete_bash"}
     modules = loaded(env=words)

@@ -18,10 +18,21 @@ from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation.runs import summarize
 from fastslam.plots.style import new_figure
 from fastslam.plots.sweep import plot_sweep, varied_key
-from fastslam.sweep import ResultStore, SimulatedLog, StoredLog, SweepSpec, load_spec, sweep_cells
+from fastslam.sweep import (
+    ResultStore,
+    SimulatedLog,
+    StoredLog,
+    SweepSpec,
+    best_of,
+    group_rows,
+    load_spec,
+    render_sweep,
+    sweep_cells,
+)
 from fastslam.sweep.table import Group
 from small_log import write_small_log
 from sweep_hooks import FLAG
+from test_report import read_page
 
 if sys.platform == "win32":
     pytest.skip("kills processes by signals", allow_module_level=True)
@@ -314,3 +325,43 @@ def test_specs_are_read_relative_to_their_file(log: Path, tmp_path: Path) -> Non
     (tmp_path / "spec.yaml").write_text(SPEC)
     stored = load_spec(tmp_path / "spec.yaml").logs[0]
     assert isinstance(stored, StoredLog) and stored.path == str(log)
+
+
+def made_rows(*, metric: str = "ate_rmse_m", seeds: int = 3, **centre: float) -> list[dict[str, Any]]:
+    """Rows of settings named as given, whose seeds lie 0.01 m around the centre of each."""
+    return [
+        {
+            "log": "<yard>",
+            "point": {"filter.particles": int(name.strip("m"))},
+            "seed": seed,
+            "metrics": {metric: mean + 0.01 * (seed - (seeds - 1) / 2), "landmarks": 7},
+            "wall_seconds": 1.0,
+            "error": None,
+        }
+        for name, mean in centre.items()
+        for seed in range(seeds)
+    ]
+
+
+def test_the_page_of_a_sweep_says_first_what_was_found() -> None:
+    rows = made_rows(m5=0.5, m50=0.21, m500=0.2)
+    # Half widths are 4.30 * 0.01 / sqrt(3) = 0.0248 m: 0.01 m is within that of a difference, 0.3 m is not.
+    said = best_of(group_rows(rows), "<yard>")
+    assert said == (
+        "<yard>: least ate_rmse_m with filter.particles 500, 0.2000 m ± 0.02484 m. "
+        "Of 2 other settings 1 cannot be told from it by these seeds."
+    )
+    rows[0] |= {"error": "it broke", "metrics": {}}
+    page = render_sweep(rows, name="grid")
+    found = read_page(page)
+    assert found.tags.count("svg") == 1 and not {"script", "link", "img"} & set(found.tags)
+    marks = ("least ate_rmse_m", "1 of 9 runs failed, the first: it broke", "<svg", "<table")
+    where = [page.index(mark) for mark in marks]
+    assert where == sorted(where)
+    assert "&lt;yard&gt;" in page and "<yard>" not in page and "2, 1 failed</td>" in page
+
+
+def test_a_sweep_without_truth_or_with_one_seed_calls_nothing_the_best_for_sure() -> None:
+    assert "no truth" in best_of(group_rows(made_rows(metric="nis", m5=1.0, m50=2.0)), "<yard>")
+    assert "chance" in best_of(group_rows(made_rows(seeds=1, m5=1.0, m50=2.0)), "<yard>")
+    assert best_of(group_rows(made_rows(m5=1.0)), "<yard>").endswith("m ± 0.02484 m.")

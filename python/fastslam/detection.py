@@ -104,7 +104,6 @@ def detect(log: Log, config: Layer | None = None) -> Log:
         detections = find(log.scans, settings, twists=sensor_twists(log))
     except DataError as error:
         raise DataError(str(error), log.source) from None
-    sensor = {**log.config.get("sensor", {}), "mounting": _mounting(log.scans)}
     unknown = np.full(len(detections.stamp_s), -1, dtype=np.int64)
     sightings = Sightings(
         stamp_s=detections.stamp_s,
@@ -115,14 +114,30 @@ def detect(log: Log, config: Layer | None = None) -> Log:
         signature=detections.signature,
         covariance=detections.covariance,
     )
-    association = {**log.config.get("association", {}), "mode": "unknown"}
-    filter_settings = {**log.config, "sensor": sensor, "association": association}
-    return replace(log, sightings=sightings, identity_names=(), class_names=(), config=filter_settings)
+    config = _settings_with(log, log.scans)
+    return replace(log, sightings=sightings, identity_names=(), class_names=(), config=config)
+
+
+def own_settings(log: Log) -> dict[str, Any]:
+    """The settings that a log brings to a run; before landmarks are detected those that it has afterwards.
+
+    Detected landmarks have no names, and the sensor sits where the scanner does.
+    """
+    if log.scans is None or len(log.sightings.stamp_s) > 0:
+        return dict(log.config)
+    return _settings_with(log, log.scans)
 
 
 def with_sightings(log: Log) -> Log:
     """The log itself, or with detections where it has scans and no sightings."""
     return detect(log) if log.scans is not None and len(log.sightings.stamp_s) == 0 else log
+
+
+def _settings_with(log: Log, scans: Scans) -> dict[str, Any]:
+    """The log's settings once landmarks are detected in the scans."""
+    sensor = {**log.config.get("sensor", {}), "mounting": _mounting(scans)}
+    association = {**log.config.get("association", {}), "mode": "unknown"}
+    return {**log.config, "sensor": sensor, "association": association}
 
 
 def sensor_twists(log: Log) -> Floats | None:

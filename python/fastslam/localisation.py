@@ -12,6 +12,7 @@ import numpy as np
 
 from .config import Config
 from .datasets.registry import load
+from .detection import with_sightings
 from .log import Floats, Log
 from .maps import Anywhere, Map, Start, StartLike
 from .result import LandmarkMap, RunResult
@@ -94,7 +95,7 @@ def localize(
 
     Errors: as `run`.
     """
-    log = source if isinstance(source, Log) else load(source)
+    log = with_sightings(source if isinstance(source, Log) else load(source))
     chart = Map.load(map) if isinstance(map, Path | str) else map
     used = chart.with_role("fixed") if keep else chart
     if not isinstance(start, Anywhere):

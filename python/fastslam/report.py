@@ -181,7 +181,8 @@ def _figures(result: RunResult, figures: Mapping[str, Figure]) -> dict[str, str]
         svg = themed_svg(render(figure, "svg").decode(), name)
         if name == "map":
             svg = svg.replace("</svg>", f"{hover_layer(figure, result.landmarks)}</svg>")
-        blocks[name] = f"<figure>{svg}<figcaption>{_CAPTIONS[name]}</figcaption></figure>"
+        kind = ' class="whole"' if name == "map" else ""
+        blocks[name] = f"<figure{kind}>{svg}<figcaption>{_CAPTIONS[name]}</figcaption></figure>"
     return blocks
 
 

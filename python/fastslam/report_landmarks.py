@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 MOST_LANDMARKS = 2000
 """More than this are in `landmarks.csv` only: a page that holds them all would be slow to open."""
+_SHOWN_AT_ONCE = 40
+"""Up to so many landmarks the table is unfolded, so that it is printed too."""
 _SVG_DPI = 72.0
 _HEAD = ("id", "class", "x [m]", "y [m]", "σ along [m]", "σ across [m]", "sightings", "")
 
@@ -62,7 +64,8 @@ def landmark_table(landmarks: LandmarkMap) -> str:
         rows.append(f"<tr><td>{name}</td><td>{kind}</td>{numbers}<td>{standing}</td></tr>")
     head = "".join(f"<th>{cell}</th>" for cell in _HEAD)
     table = f'<div class="scroll"><table class="map"><tr>{head}</tr>{"".join(rows)}</table></div>'
-    return f"<details><summary>All {count:,} landmarks</summary>{table}</details>"
+    shown = " open" if count <= _SHOWN_AT_ONCE else ""
+    return f"<details{shown}><summary>All {count:,} landmarks</summary>{table}</details>"
 
 
 def deviations_m(landmarks: LandmarkMap) -> tuple[Floats, Floats]:

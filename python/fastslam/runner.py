@@ -15,7 +15,7 @@ from ._yaml import line_of_key
 from .checkpoint import Checkpoints
 from .config import Config, merge
 from .datasets.registry import load
-from .detection import with_sightings
+from .detection import own_settings, with_sightings
 from .errors import ConfigError, DataError, NumericalError
 from .filter import landmark_map, step_info
 from .log import Log
@@ -45,7 +45,7 @@ def configure(log: Log, *layers: Layer) -> Config:
 
     Errors: `ConfigError`; for the log's own settings the message names the log.
     """
-    own = log.config
+    own: Layer = own_settings(log)
     check_own_settings(log)
     if "association" in own and merge(own, *layers).get("algorithm") == "ekf":
         kept = {key: value for key, value in own["association"].items() if key in EKF_ASSOCIATION}

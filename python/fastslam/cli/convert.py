@@ -36,9 +36,10 @@ def convert_log(
 
     log = load(path, format=format, robot=robot, run=run, topics=topics_named(topic))
     written = convert(log, out, to=to)
+    scans = "" if log.scans is None else f", {len(log.scans.stamp_s):,} scans"
     held = {
         "g2o": f"{len(log.sightings.stamp_s):,} sightings; no truth, fixes or scans",
         "tum": "the path of odometry" if log.truth_trajectory is None else "the true path",
-        "native": f"{len(log.controls.stamp_s):,} controls, {len(log.sightings.stamp_s):,} sightings",
+        "native": f"{len(log.controls.stamp_s):,} controls, {len(log.sightings.stamp_s):,} sightings{scans}",
     }
     typer.echo(f"{written}: {held[to or format_of(out)]}")

@@ -40,7 +40,8 @@ def sweep(
 
     Killed or stopped at any time, the same command goes on where it was: finished cells are kept.
     Writes cells.jsonl (as they finish), results.csv (one row per run), summary.csv (means, 95 %
-    intervals) and one PNG per metric against the first key with several numbers.
+    intervals), sweep.html (what was found, on one page) and one PNG per metric against the first key
+    with several numbers.
 
     SPEC lists `logs` (`path: FOLDER`, or `simulate: PRESET` with `landmarks`, `settings`, `new_world`), a
     `grid` of configuration keys with their values, `seeds` (how many, or a list), and `config` for all runs.
@@ -52,7 +53,15 @@ def sweep(
       fastslam sweep particles.yaml --scheduler tcp://head:8786
     """
     from ..resultfiles import write_atomically
-    from ..sweep import ResultStore, group_rows, load_spec, summary_csv, sweep_cells, tidy_csv
+    from ..sweep import (
+        ResultStore,
+        group_rows,
+        load_spec,
+        summary_csv,
+        sweep_cells,
+        tidy_csv,
+        write_sweep_page,
+    )
 
     cells = load_spec(spec).cells()
     folder = Path("results") / spec.stem if out is None else out
@@ -77,12 +86,12 @@ def sweep(
     from ..plots.sweep import write_sweep_figures  # the plotting library takes a second to load
 
     write_sweep_figures(group_rows(rows), folder)
-    _show(rows, folder)
+    page = write_sweep_page(rows, folder, name=spec.stem)
+    _show(rows, folder, page)
 
 
-def _show(rows: Sequence[Row], folder: Path) -> None:
-    from ..evaluation.display import format_metric
-    from ..sweep import group_rows
+def _show(rows: Sequence[Row], folder: Path, page: Path) -> None:
+    from ..sweep import group_rows, interval_text
 
     groups = group_rows(rows)
     metrics = [name for name in _SHOWN if any(name in group.summary for group in groups)]
@@ -90,17 +99,13 @@ def _show(rows: Sequence[Row], folder: Path) -> None:
     table = []
     for group in groups:
         cells = [group.log, *(str(group.point[key]) for key in keys)]
-        for name in metrics:
-            found = group.summary.get(name)
-            text = "" if found is None else " ".join(format_metric(name, found.mean))
-            if found is not None and found.ci95 is not None:
-                text += " ± " + " ".join(format_metric(name, found.ci95))
-            cells.append(text)
+        cells += [interval_text(name, group.summary.get(name)) for name in metrics]
         table.append(
             [*cells, str(len([r for r in rows if r["log"] == group.log and r["point"] == group.point]))]
         )
     stdout().print(make_table("", ("log", *keys, *(f">{name}" for name in metrics), ">runs"), table))
-    stdout().print(f"results: {folder}", soft_wrap=True, highlight=False, markup=False)
+    for line in (f"results: {folder}", f"page:    {page}"):
+        stdout().print(line, soft_wrap=True, highlight=False, markup=False)
     failed = [row for row in rows if row["error"] is not None]
     if failed:
         print(f"{len(failed)} of {len(rows)} runs failed, the first: {failed[0]['error']}", file=sys.stderr)

@@ -29,6 +29,7 @@ from .bag_messages import (
 )
 from .bag_topics import TRANSFORMS, Topic, chosen_from, messages_on, opened, topics_of
 from .clean import clean_controls, clean_sightings, no_sightings
+from .native_settings import place_on_axle
 from .options import LoadOptions
 from .planar import wrap_to_pi
 from .text import children
@@ -154,7 +155,9 @@ class _Bag:
         if drive_in(first) is not None:
             values = np.array([drive_in(message) for _, message in messages], dtype=np.float64)
             controls, problems = clean_controls(stamp_s, values, path=self.path)
-            return controls, {"model": "ackermann"}, problems
+            motion: dict[str, Any] = {"model": "ackermann"}
+            self.notes += place_on_axle(motion)
+            return controls, motion, problems
         twists = [twist_in(message) for _, message in messages]
         if pose_in(first) is None:
             values = np.array(twists, dtype=np.float64)
@@ -245,7 +248,10 @@ class _Bag:
         dropped = odd + len(stamps) - len(order)
         problems = (Problem("scans of another size or with a stamp that was there: dropped", dropped),)
         scans = Scans(np.array(stamps)[order], np.ascontiguousarray(values), geometry, mounting=place)
-        return replace(log, scans=scans, problems=(*log.problems, *(problems if dropped else ())))
+        config = {**log.config, "sensor": {"model": "range_bearing"}}
+        return replace(
+            log, scans=scans, config=config, problems=(*log.problems, *(problems if dropped else ()))
+        )
 
     def truth(self, topic: Topic) -> TruthTrajectory:
         """The true path that a topic of poses holds."""

@@ -23,7 +23,7 @@ from ..errors import DataError
 from ..limits import LARGEST_STAMP_S
 from ..log import Floats, Ints, Problem
 from .stamps import ISO_STAMP, iso_seconds
-from .text import CUT_OFF_HINT, is_number, read_text
+from .text import CUT_OFF_HINT, is_number, read_sheet
 
 
 class Rows(Protocol):
@@ -160,7 +160,7 @@ def read_csv(path: Path, *, example: str, allow_empty: bool = False) -> CsvTable
     A row of another width is an error when the first column is asked for. Errors: DataError for an empty
     file, a file without header, a repeated column name, or no rows at all unless `allow_empty`.
     """
-    text = read_text(path)
+    text, notes = read_sheet(path)
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     cut_off = bool(lines[-1])
     if not cut_off:
@@ -173,7 +173,7 @@ def read_csv(path: Path, *, example: str, allow_empty: bool = False) -> CsvTable
         raise DataError("holds a header and no rows", path, header_line)
     problems = (Problem(f"{path.name}: the last line has no line end and may be cut off: kept"),)
     index_of = {name: index for index, name in enumerate(names)}
-    return CsvTable(path, index_of, body, header_line, problems if cut_off else ())
+    return CsvTable(path, index_of, body, header_line, problems if cut_off else (), notes=notes)
 
 
 @dataclass(frozen=True)

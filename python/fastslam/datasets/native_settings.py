@@ -18,6 +18,8 @@ FORMAT_VERSION = 1
 CONFIG_KEYS = ("motion", "sensor", "association", "filter", "initial_pose")
 KEYS = ("format_version", "name", *CONFIG_KEYS, "wheels", "truth_landmarks_complete")
 SENSOR_MODELS = ("range_bearing", "range", "bearing")
+REAR_AXLE = {"encoder_left_m": 0.0, "sensor_ahead_m": 0.0, "sensor_left_m": 0.0}
+"""Where a car's speed is measured and its path goes, unless its log says otherwise: mid rear axle."""
 LEAST_SENSOR = "{model: range_bearing, range_std_m: ..., bearing_std_rad: ...}"
 
 
@@ -71,7 +73,7 @@ def checked_settings(settings: dict[str, Any], path: Path, line_of_key: dict[str
         for key in CONFIG_KEYS
         if key in settings
     }
-    notes = _without_noise(config)
+    notes = (*_without_noise(config), *place_on_axle(config.get("motion", {})))
     wheels = parse_wheels(settings.get("wheels", {}), path, line_of_key)
     name = settings.get("name")
     return LogSettings(config, wheels, None if name is None else str(name), complete, notes)
@@ -105,6 +107,19 @@ def _without_noise(config: dict[str, Any]) -> tuple[str, ...]:
     return (
         (f"log.yaml says nothing of the noise of {' and '.join(missing)}: defaults hold",) if missing else ()
     )
+
+
+def place_on_axle(motion: dict[str, Any]) -> tuple[str, ...]:
+    """Puts speed and path of an `ackermann` section that says nothing of them on the rear axle; notes say so.
+
+    **Why** The configuration's own defaults are the dimensions of one car, that of Victoria Park.
+    """
+    if motion.get("model") != "ackermann" or not REAR_AXLE.keys().isdisjoint(motion):
+        return ()
+    motion |= REAR_AXLE
+    said = "motion says nothing of where the speed is measured: taken at the centre of the rear axle"
+    length = "" if "wheelbase_m" in motion else "; motion.wheelbase_m is the default's: give your car's"
+    return (said + length,)
 
 
 def _in_si(value: Any, name: str, path: Path, line_of_key: dict[str, int]) -> Any:

@@ -28,7 +28,10 @@ QUANTITIES = (
     Quantity("y_m", ("position_y", "pos_y", "rel_y"), "m"),
     Quantity(
         "landmark_id",
-        ("id", "landmark", "tag", "tag_id", "marker", "marker_id", "beacon", "beacon_id", "fiducial_id"),
+        (
+            *("id", "landmark", "landmark_name", "name", "object", "post", "tree", "tag", "tag_id"),
+            *("marker", "marker_id", "beacon", "beacon_id", "fiducial_id"),
+        ),
         is_text=True,
     ),
     Quantity("class", ("color", "colour", "class_name", "category"), is_text=True),

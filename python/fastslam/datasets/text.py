@@ -21,6 +21,8 @@ _MARKS = (
     (b"\xfe\xff", "utf-16"),
     (b"\xef\xbb\xbf", "utf-8-sig"),
 )
+_WESTERN_SIGNS = frozenset("°²³µ±·×–—‘’“”€§")
+"""Signs beside letters that tables in Windows-1252 hold: units, and what stands in names."""
 _HEAD_BYTES = 4096
 LARGEST_WHOLE = 2.0**53
 """From here on a float is not the one whole number that was written."""
@@ -56,7 +58,22 @@ def read_text(path: Path) -> str:
 
     Errors: DataError for a file that cannot be opened, is cut off or is not text.
     """
+    return _decoded(read_bytes(path), path)
+
+
+def read_sheet(path: Path) -> tuple[str, tuple[str, ...]]:
+    """As `read_text`, or in Windows-1252, as spreadsheets save tables; then a note says so."""
     data = read_bytes(path)
+    try:
+        return _decoded(data, path), ()
+    except DataError:
+        text = _western(data)
+        if text is None:
+            raise
+        return text, (f"{path.name}: is not UTF-8, taken as Windows-1252",)
+
+
+def _decoded(data: bytes, path: Path) -> str:
     encoding = next((name for mark, name in _MARKS if data.startswith(mark)), "utf-8")
     if encoding == "utf-8" and b"\0" in data[:2]:
         encoding = "utf-16-be" if data[:1] == b"\0" else "utf-16-le"
@@ -64,7 +81,18 @@ def read_text(path: Path) -> str:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise DataError(f"is not {encoding[:6].upper().rstrip('-')} text", path, line) from error
+        message = f"is not {encoding[:6].upper().rstrip('-')} text: save it as UTF-8"
+        raise DataError(message, path, line) from error
+
+
+def _western(data: bytes) -> str | None:
+    """Text of Windows-1252, if it is: nearly all bytes are, so letters and a few signs count alone."""
+    try:
+        text = data.decode("cp1252")
+    except UnicodeDecodeError:
+        return None
+    strange = set(text) - set(map(chr, range(32, 127))) - set("\t\r\n")
+    return text if all(sign.isalpha() or sign in _WESTERN_SIGNS for sign in strange) else None
 
 
 def read_bytes(path: Path) -> bytes:

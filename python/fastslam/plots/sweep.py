@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from ..evaluation.metrics import METRIC_UNITS
 from ..sweep.table import Group
-from .style import house_style, legend_below, new_figure, plain_log_ticks
+from .style import CLASSES, house_style, legend_below, new_figure, plain_log_ticks
 
 METRICS = ("ate_rmse_m", "smoothed_ate_rmse_m", "landmark_rmse_m", "gps_median_m", "filter_seconds")
 
@@ -34,6 +35,7 @@ def plot_sweep(axis: Axes, *, groups: Sequence[Group], metric: str, key: str) ->
         others = [f"{name}: {value}" for name, value in group.point.items() if name != key]
         point = (float(group.point[key]), found.mean, found.ci95 or 0.0)
         lines.setdefault(", ".join([group.log, *others]), []).append(point)
+    axis.set_prop_cycle(color=CLASSES)
     for label, points in lines.items():
         x, mean, half_width = zip(*sorted(points), strict=True)
         axis.errorbar(x, mean, yerr=half_width, marker="o", capsize=3, label=label)
@@ -48,20 +50,27 @@ def plot_sweep(axis: Axes, *, groups: Sequence[Group], metric: str, key: str) ->
     return axis
 
 
-def write_sweep_figures(groups: Sequence[Group], folder: Path | str) -> list[Path]:
-    """One PNG per metric that the sweep measured; none where no key was varied over numbers."""
+def sweep_figures(groups: Sequence[Group]) -> dict[str, Figure]:
+    """One figure per metric that the sweep measured; none where no key was varied over numbers."""
     key = varied_key(groups)
-    written = []
+    figures = {}
     for metric in METRICS if key is not None else ():
         if not any(metric in group.summary for group in groups):
             continue
         with house_style():
-            figure = new_figure(7.0, 4.5)
-            axis = plot_sweep(figure.add_subplot(), groups=groups, metric=metric, key=str(key))
+            figures[metric] = new_figure(7.0, 4.5)
+            axis = plot_sweep(figures[metric].add_subplot(), groups=groups, metric=metric, key=str(key))
             legend_below(axis, columns=1)
-            path = Path(folder) / f"{metric}.png"
-            figure.savefig(path)
-        written.append(path)
+    return figures
+
+
+def write_sweep_figures(groups: Sequence[Group], folder: Path | str) -> list[Path]:
+    """The figures as PNG, named after their metrics."""
+    written = []
+    for metric, figure in sweep_figures(groups).items():
+        written.append(Path(folder) / f"{metric}.png")
+        with house_style():
+            figure.savefig(written[-1])
     return written
 
 
