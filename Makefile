@@ -55,7 +55,11 @@ docs: setup ## write the reference pages that come from the code, and the pictur
 web: $(WEB) ## build the page with the filter in a browser: one file, target/web/fastslam.html
 
 site: $(VENV)/.site $(WEB) ## build the documentation site into site/; broken links fail
+	RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --target-dir target \
+	  --package fastslam-core --package fastslam-sim
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+	@cp -R target/doc site/rust
+	$(BIN)/python docs/site/links.py site
 	@echo "site/: look at it with $(BIN)/python -m http.server -d site"
 
 bench: setup ## run the benchmarks (QUICK=1: counted instructions, and a short pass over scale)

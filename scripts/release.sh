@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Builds what a release uploads, into dist/ (or the folder named): the source distribution and, from that, wheels for Linux
-# on x86-64 and on 64-bit ARM (manylinux_2_17, one wheel for all Python from 3.10 on). Checks the metadata, that nothing
+# on x86-64 and on 64-bit ARM (manylinux_2_17, one wheel for all Python from 3.10 on); the packages of the two crates, which
+# are compiled as a registry would serve them. Checks the metadata, that nothing
 # newer than GLIBC 2.17 is asked for, and that each wheel runs `fastslam demo` in a fresh environment without Rust on every
 # Python from 3.10 on that is here; the wheel for ARM under qemu-user with Debian's Python, where both can be had.
 # `--check` in front of the folder checks what is there and builds nothing. Uploads nothing. Needs what `make` needs, rustup,
@@ -23,9 +24,13 @@ build() {
     scripts/check-tools.sh
     rustup target add "${targets[@]}"
 
-    stage "source distribution"
+    stage "crates"
     mkdir -p "$out"
     rm -f "$out"/fastslam-*
+    cargo package --quiet --package fastslam-core --package fastslam-sim --target-dir "$work/crates"
+    cp "$work"/crates/package/fastslam-{core,sim}-*.crate "$out"
+
+    stage "source distribution"
     "$tools/maturin" sdist --out "$out"
     rm -rf "$work/source"
     mkdir -p "$work/source"
@@ -147,7 +152,7 @@ python3 -m venv "$work/tools"
 "$tools/python" -m pip install --quiet --disable-pip-version-check 'maturin>=1.9,<2' ziglang twine
 if ! "$only_check"; then build; fi
 stage "metadata"
-"$tools/python" -m twine check --strict "$out"/fastslam-*
+"$tools/python" -m twine check --strict "$out"/fastslam-*.tar.gz "$out"/fastslam-*.whl
 stage "GLIBC $glibc"
 check_glibc
 try_here

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import runpy
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import fastslam
@@ -47,3 +49,23 @@ def test_the_site_asks_no_other_host() -> None:
     theme = CONFIG["theme"]
     assert theme["font"] is False and CONFIG["strict"] is True
     assert not any("://" in str(CONFIG.get(key, "")) for key in ("extra_css", "extra_javascript", "hooks"))
+
+
+def test_links_that_lead_nowhere_are_found(tmp_path: Path) -> None:
+    faults = runpy.run_path(str(ROOT / "docs" / "site" / "links.py"))["faults"]
+    (tmp_path / "rust" / "core").mkdir(parents=True)
+    (tmp_path / "rust" / "core" / "index.html").write_text('<p id="f"><a href="gone.html">')
+    (tmp_path / "b.html").write_text('<h1 id="top"></h1><img src="missing.png">')
+    links = ("b.html", "b.html#top", "b.html#bottom", "rust/core", "rust/core/index.html#f", "c%20d.html")
+    text = "".join(f'<a href="{link}"></a>' for link in (*links, "https://example.org", "#here"))
+    (tmp_path / "a.html").write_text(text)
+    wrong, seen = faults(tmp_path)
+    assert wrong == ["a.html: #here", "a.html: b.html#bottom", "a.html: c%20d.html", "b.html: missing.png"]
+    assert seen == len(links) + 2
+
+
+def test_the_page_of_the_crates_names_modules_that_there_are() -> None:
+    text = (ROOT / "docs" / "rust.md").read_text(encoding="utf-8")
+    library = (ROOT / "crates" / "fastslam-core" / "src" / "lib.rs").read_text(encoding="utf-8")
+    named = re.findall(r"rust/fastslam_core/(\w+)/index\.html", text)
+    assert len(named) > 5 and [name for name in named if f"pub mod {name};" not in library] == []
