@@ -19,6 +19,7 @@ REFERENCE = {
         "Python: to run",
         *(
             "fastslam.runner",
+            "fastslam.opinion",
             "fastslam.maps",
             "fastslam.localisation",
             "fastslam.filter",
