@@ -160,7 +160,8 @@ def package_readme() -> str:
     """The README as a package index shows it: without pictures, links and what only a checkout has."""
     text = (DOCS.parent / "README.md").read_text(encoding="utf-8")
     text = re.sub(r"<!-- checkout -->\n.*?<!-- /checkout -->\n+", "", text, flags=re.DOTALL)
-    # Links within the project lead nowhere on an index; their words stay.
+    # Links within the project lead nowhere on an index: those in brackets go, of others the words stay.
+    text = re.sub(r"\s*\(\[[^\]]+\]\((?!https?://)[^)]*\)\)", "", text)
     text = re.sub(r"\[([^\]]+)\]\((?!https?://)[^)]*\)", r"\1", text)
     return NOTE + "\n" + text
 

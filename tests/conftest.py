@@ -15,7 +15,10 @@ def data_dir() -> Path:
     """Folder of the real logs: FASTSLAM_DATA, else ../shared/data. Skips the test where there is none."""
     folder = Path(os.environ.get("FASTSLAM_DATA", ROOT.parent / "shared" / "data"))
     if not folder.is_dir():
-        pytest.skip(f"real logs are absent ({folder}): set FASTSLAM_DATA")
+        pytest.skip(
+            f"real logs are absent ({folder}): `fastslam datasets list` says where they come from, "
+            "`fastslam datasets download` fetches one, FASTSLAM_DATA names their folder"
+        )
     return folder
 
 

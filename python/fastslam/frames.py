@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Backend = Literal["pandas", "polars", "pyarrow"]
 BACKENDS: tuple[Backend, ...] = ("pandas", "polars", "pyarrow")
-_INSTALL = "data frames need the package narwhals: pip install 'fastslam[frames]'"
+_INSTALL = "data frames need the package narwhals: pip install narwhals"
 _MODELS = {"sensor": {"model": "range_bearing"}}
 
 

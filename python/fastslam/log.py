@@ -214,7 +214,7 @@ class Log:
         Columns may have any of the names and units of `odometry.csv` and `sightings.csv` (`range_mm`, `v`,
         `Bearing [deg]`; dates as stamps); columns of odometry choose the motion model. `config` holds what
         `log.yaml` would: `motion`, `sensor`, `association`, `filter`, `initial_pose`, `wheels`. What was
-        repaired is in `problems`, what was assumed in `notes`. Needs `pip install 'fastslam[frames]'`.
+        repaired is in `problems`, what was assumed in `notes`. Needs `pip install narwhals`.
 
         Errors: `DataError` with frame, row (from 0) and column; `ConfigError` where narwhals is missing.
         """

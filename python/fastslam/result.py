@@ -27,7 +27,7 @@ class Table(ABC):
         """The columns by name: `pandas.DataFrame`, `polars.DataFrame` and `pyarrow.table` take them."""
 
     def to_dataframe(self, backend: Backend) -> Any:
-        """A data frame of `pandas`, `polars` or `pyarrow`. Needs `pip install 'fastslam[frames]'`.
+        """A data frame of `pandas`, `polars` or `pyarrow`. Needs `pip install narwhals`.
 
         Errors: `ConfigError` for another backend, or for one that is not installed.
         """

@@ -49,7 +49,7 @@ def opened(path: Path) -> Iterator[AnyReader]:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise DataError("is a bag: `pip install fastslam[bags]` reads them", path) from None
+        raise DataError("is a bag: `pip install 'rosbags>=0.11,<0.12'` lets it be read", path) from None
     with ExitStack() as stack:
         with _told_of(path):
             # Older bags hold no definitions of their messages.

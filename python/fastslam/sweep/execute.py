@@ -122,7 +122,7 @@ def _on_dask(cells: Sequence[Cell], scheduler: str) -> Generator[dict[str, Any],
     try:
         from distributed import Client, KilledWorker, as_completed
     except ImportError:
-        raise ConfigError("a scheduler needs Dask: pip install 'fastslam[dask]'") from None
+        raise ConfigError("a scheduler needs Dask: pip install distributed") from None
     try:
         client = Client(scheduler, timeout=10)
     except (OSError, TimeoutError, ValueError) as error:
