@@ -28,7 +28,11 @@ setup: $(VENV)/.installed ## create .venv, build the Rust core (release) and ins
 demo: setup ## simulate a world, run the filter, print the numbers and where the report lies
 	@$(BIN)/fastslam demo
 
-test: setup test-rust test-python ## run every test, Rust and Python
+# The module and the Rust tests are compiled at a time: the last crates of each keep one processor busy for minutes.
+test: ## run every test, Rust and Python
+	@PYTHON="$(PYTHON)" scripts/check-tools.sh
+	$(MAKE) --no-print-directory -j2 setup test-rust CARGO_TEST_FLAGS=--no-run
+	$(MAKE) --no-print-directory test-rust test-python
 
 test-rust:
 	cargo test $(CRATES) $(CARGO_TEST_FLAGS)

@@ -84,7 +84,7 @@ def revisits(result: RunResult, log: Log) -> dict[str, float]:
 def _largest(method: str, quick: bool) -> int:
     """How far each method is taken: minutes of work for the dear ones."""
     if method == "EKF-SLAM":
-        return 1_000 if quick else 10_000
+        return 300 if quick else 10_000
     if method == "dense":
         return 10_000 if quick else 100_000
     return 30_000 if quick else 300_000
