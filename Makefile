@@ -59,7 +59,7 @@ docs: setup ## write the reference pages that come from the code, and the pictur
 web: $(WEB) ## build the page with the filter in a browser: one file, target/web/fastslam.html
 
 site: $(VENV)/.site $(WEB) ## build the documentation site into site/; broken links fail
-	RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --target-dir target \
+	RUSTDOCFLAGS="-D rustdoc::broken_intra_doc_links -A rustdoc::private_intra_doc_links" cargo doc --quiet --no-deps --target-dir target \
 	  --package fastslam-core --package fastslam-sim
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 	@cp -R target/doc site/rust
