@@ -94,7 +94,8 @@ def test_scale() -> None:
     text = " ".join(README.split())
     found = unknown[4].partition(" ")[0]
     for said in (
-        f"finds {found} of them, the map off by {unknown[1]} m, in {float(unknown[5]):.0f} s",
+        f"finds {found} of them without identities, the map off by {unknown[1]} m, "
+        f"in {float(unknown[5]):.0f} s",
         f"with identities it takes {round(float(known[5]))} s ({known[1]} m)",
         f"the maps of 250 particles occupy 9 MB for 50,000 landmarks ({float(unknown[8]):.0f} MB while",
     ):
