@@ -18,6 +18,7 @@ from fastslam.log import (
     TruthLandmarks,
     TruthTrajectory,
 )
+from fastslam.runner import configure
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -94,6 +95,8 @@ def logs(draw: st.DrawFn) -> Log:
     landmarks = draw(st.dictionaries(names.map(lambda pool: pool[0]), points, min_size=1, max_size=4))
     fixes = draw(st.lists(points, min_size=count, max_size=count))
     config: dict[str, Any] = {"motion": {"model": model, "noise_period_s": draw(numbers)}, "sensor": SENSOR}
+    if model == "ackermann":
+        config["motion"] |= {"sensor_ahead_m": draw(numbers)}
     if draw(st.booleans()):
         config["initial_pose"] = {"x_m": draw(numbers), "y_m": np.float64(draw(numbers)), "heading_rad": 0.0}
     return Log(
@@ -111,6 +114,12 @@ def logs(draw: st.DrawFn) -> Log:
         position_fixes=PositionFixes(np.array(control_stamps), np.array(fixes)),
         config=config,
     )
+
+
+def test_a_car_that_says_nothing_of_its_size_is_written_with_that_of_a_run(tmp_path: Path) -> None:
+    log = minimal_log(config={"motion": {"model": "ackermann"}, "sensor": SENSOR})
+    back = load(write_native(log, tmp_path / "log"))
+    assert dict(configure(back)) == dict(configure(log)) and "sensor_left_m" in back.config["motion"]
 
 
 @settings(max_examples=100, deadline=None)

@@ -16,7 +16,7 @@ from ..csv_cells import guarded
 from ..errors import DataError
 from ..log import Floats, Log, TruthTrajectory
 from .native_columns import HEADERS, Names, odometry_columns, sightings_columns
-from .native_settings import CONFIG_KEYS
+from .native_settings import CONFIG_KEYS, REAR_AXLE
 from .scans_file import NAME as SCANS
 from .scans_file import write_scans
 
@@ -69,11 +69,21 @@ def _check(log: Log, folder: Path) -> None:
             raise DataError(f"name {name!r} is empty, has blanks around it or cannot be printed", folder)
 
 
+def _default_size() -> dict[str, Any]:
+    """The size of a car that says nothing of it, as runs take it; a file that says nothing means another."""
+    from ..config import Config
+
+    motion = Config.resolve({"motion": {"model": "ackermann"}})["motion"]
+    return {key: motion[key] for key in REAR_AXLE}
+
+
 def _settings(log: Log) -> dict[str, Any]:
     settings: dict[str, Any] = {"format_version": 1, "name": log.name}
     for key in CONFIG_KEYS:
         if key in log.config:
             settings[key] = _plain(log.config[key])
+    if settings["motion"]["model"] == "ackermann" and REAR_AXLE.keys().isdisjoint(settings["motion"]):
+        settings["motion"] |= _default_size()
     if log.truth_landmarks is not None and not log.truth_landmarks.complete:
         settings["truth_landmarks_complete"] = False
     return settings
