@@ -109,3 +109,36 @@ def test_no_file_of_the_crates_imports_itself_through_others(structure: ModuleTy
         circles = structure.circles(structure.imports(sources))
         assert not circles, [[path.name for path in circle] for circle in circles]
     assert crates >= 3 and files > 80, f"{files} files of {crates} crates"
+
+
+def drawn_rooms() -> dict[str, tuple[int, int]]:
+    """Line and place of each room in the drawing of ARCHITECTURE.md."""
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8")
+    drawing = text[text.index("The rooms of the core.") :].split("\n\n")[1]
+    rooms = {path.stem for path in (ROOT / "crates/fastslam-core/src").iterdir()}
+    places: dict[str, tuple[int, int]] = {}
+    for line, words in enumerate(map(str.split, drawing.splitlines())):
+        # What follows the rooms of a line says what they are for.
+        for place, word in enumerate(words):
+            if word not in rooms:
+                break
+            places.setdefault(word, (line, place))
+    return places
+
+
+def test_the_drawing_of_the_rooms_is_what_the_files_import(structure: ModuleType) -> None:
+    src = ROOT / "crates/fastslam-core/src"
+    sources = structure.read(src)
+    graph, places = structure.imports(sources), drawn_rooms()
+
+    def room(path: Path) -> str:
+        return path.relative_to(src).parts[0].removesuffix(".rs")
+
+    assert {room(source.path) for source in sources} - set(places) == {"lib"}
+    upward = {
+        (str(file.relative_to(src)), room(other))
+        for file, others in graph.items()
+        for other in others
+        if room(file) != room(other) != "lib" and places[room(file)] >= places[room(other)]
+    }
+    assert len(graph) > 150 and upward == {("association/rules.rs", "config")}

@@ -60,6 +60,18 @@ impl Tail {
         }
     }
 
+    /// What a sighting of so many numbers this far off costs: half the squared distance, and for the far ones of a heavy
+    /// tail the integral of the weight that [`Self::noise_scale_of`] gives.
+    pub fn loss_of(self, numbers: usize, mahalanobis_squared: f64) -> f64 {
+        let z = numbers as f64;
+        match self {
+            Self::StudentT(k) if mahalanobis_squared > z => {
+                0.5 * (z + (k + z) * math::ln((k + mahalanobis_squared) / (k + z)))
+            }
+            _ => 0.5 * mahalanobis_squared,
+        }
+    }
+
     /// [`Self::log_excess`] for so many numbers: the logarithm of the density of their t-distribution over the normal
     /// one with the same matrix.
     pub fn log_excess_of(self, numbers: usize, mahalanobis_squared: f64) -> f64 {

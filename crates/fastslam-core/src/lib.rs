@@ -6,6 +6,7 @@
 pub mod association;
 pub mod belief;
 pub mod config;
+mod contract;
 pub mod density;
 pub mod detect;
 pub mod diagnosis;

@@ -66,8 +66,14 @@ impl<const N: usize> Cholesky<N> {
     /// `None` where the matrix is not positive definite, or holds what is no number.
     #[inline(always)]
     pub fn of(a: &Matrix<N, N>) -> Option<Self> {
-        let mut l = [[0.0; N]; N];
-        for i in 0..N {
+        Self::of_leading(a, N)
+    }
+
+    /// [`Self::of`] the leading `n` rows and columns; the others are taken for those of the identity.
+    #[inline(always)]
+    pub fn of_leading(a: &Matrix<N, N>, n: usize) -> Option<Self> {
+        let mut l = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
+        for i in 0..n {
             for j in 0..=i {
                 let rest = a[i][j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
                 if i == j {

@@ -1,4 +1,6 @@
-//! What every filter can do, so that a run over a log need not know which one it has.
+//! The filter that a configuration or a snapshot asks for, whichever it is: [`Slam`].
+
+pub use crate::contract::Slam;
 
 use crate::config::{Algorithm, Config};
 use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
@@ -12,50 +14,6 @@ use crate::motion::{MotionGaussian, RowPart};
 use crate::partial::PartialSlam;
 use crate::snapshot::{self, Holds};
 use crate::store::StoreUsage;
-
-/// A SLAM filter: controls and sightings in, pose, path and map out.
-pub trait Slam: Send + Sync {
-    /// Starts in a given map, at a given pose: before anything else.
-    fn begin(&mut self, beginning: &Beginning) -> Result<()>;
-    /// Where the path begins.
-    fn start(&self) -> Pose;
-    /// Moves the robot by a row of odometry, or a part of it.
-    fn advance(&mut self, part: &RowPart) -> Result<()>;
-    /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`: a whole row.
-    fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
-        self.advance(&RowPart::whole(control, dt_s))
-    }
-    /// Processes all sightings of one stamp (there may be none).
-    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo>;
-    /// Ends a log: what the filter can still learn from the whole of it. Returns whether anything changed.
-    fn finish(&mut self) -> bool;
-    /// Mean and covariance of the pose after the last update.
-    fn pose(&self) -> PoseEstimate;
-    /// Mean and covariance of the pose now.
-    fn predicted_pose(&mut self) -> PoseEstimate;
-    /// Motion since the poses on the path were last set.
-    fn pending_motion(&self) -> MotionGaussian;
-    /// Every hypothesis about the pose now, with its weight.
-    fn weighted_poses(&self) -> Vec<(Pose, f64)>;
-    /// The path of the best hypothesis: stamps in seconds and `T_world_robot`.
-    fn best_path(&self) -> Vec<(f64, Pose)>;
-    /// The map.
-    fn map(&mut self) -> MapEstimate;
-    /// What the best hypothesis took the usable sightings of the last scan for.
-    fn seen(&self) -> &[Seen];
-    /// What the map occupies.
-    fn usage(&self) -> StoreUsage;
-    /// What the innovations so far say of the configured noise.
-    fn noise_report(&self) -> NoiseReport;
-    /// Names that were seen at two places so far.
-    fn two_places(&self) -> Vec<TwoPlaces>;
-    /// What came of the returns to the landmarks of the map.
-    fn returns(&self) -> Returns;
-    /// The state as bytes, from which [`Slam::restore`] goes on to the same bits; `note` is kept in their head.
-    fn save(&self, note: &str) -> Result<Vec<u8>>;
-    /// Takes over a state that was saved with this configuration; where that is refused, the filter is as it was.
-    fn restore(&mut self, snapshot: &[u8]) -> Result<()>;
-}
 
 /// Makes a filter: [`create`], or what makes one for a sensor of one's own.
 pub type Maker<'a> = &'a dyn Fn(Config, Identities) -> Result<Box<dyn Slam>>;

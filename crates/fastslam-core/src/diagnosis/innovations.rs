@@ -12,6 +12,7 @@
 //! [`NoiseCheck`]: super::noise::NoiseCheck
 
 use crate::geometry::{multiply3, Matrix3};
+use crate::normal::Cholesky;
 use serde::{Deserialize, Serialize};
 
 /// Sightings of a scan that are judged together.
@@ -224,31 +225,12 @@ fn times(a: &Square, b: &[f64; SIZE], n: usize) -> [f64; SIZE] {
 
 /// The inverse of the leading n × n block, by Cholesky's factor; `None` where that does not exist.
 fn inverted(a: &Square, n: usize) -> Option<Square> {
-    let mut l = [[0.0; SIZE]; SIZE];
-    for i in 0..n {
-        for j in 0..=i {
-            let rest = a[i][j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
-            if i == j {
-                if !(rest > 0.0 && rest.is_finite()) {
-                    return None;
-                }
-                l[i][i] = rest.sqrt();
-            } else {
-                l[i][j] = rest / l[j][j];
-            }
-        }
-    }
+    let factor = Cholesky::of_leading(a, n)?;
     let mut inverse = [[0.0; SIZE]; SIZE];
     for column in 0..n {
-        let mut x = [0.0; SIZE];
-        for i in 0..n {
-            let right = f64::from(u8::from(i == column));
-            x[i] = (right - (0..i).map(|k| l[i][k] * x[k]).sum::<f64>()) / l[i][i];
-        }
-        for i in (0..n).rev() {
-            x[i] = (x[i] - (i + 1..n).map(|k| l[k][i] * x[k]).sum::<f64>()) / l[i][i];
-            inverse[i][column] = x[i];
-        }
+        let unit = std::array::from_fn(|i| f64::from(u8::from(i == column)));
+        let solved = factor.solve(&unit);
+        (0..n).for_each(|i| inverse[i][column] = solved[i]);
     }
     Some(inverse)
 }

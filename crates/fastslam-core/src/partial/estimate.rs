@@ -3,6 +3,7 @@
 use super::sensing::{Calibration, Sensing};
 use super::PartialSlam;
 use crate::association::Appearance;
+use crate::contract::Slam;
 use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::{Error, Result};
 use crate::filter::{MapEstimate, MapLandmark, PoseEstimate, StepInfo};
@@ -12,7 +13,6 @@ use crate::given::Beginning;
 use crate::motion::{MotionGaussian, RowPart};
 use crate::normal::Normal;
 use crate::sighting::{Seen, Sighting};
-use crate::slam::Slam;
 use crate::store::StoreUsage;
 
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {

@@ -5,12 +5,11 @@
 
 use super::past::{Heard, Past};
 use super::sensing::{by_robot, Calibration, Look, Request, Sensing};
-use crate::density::Tail;
 use crate::error::Result;
 use crate::geometry::Pose;
 use crate::math;
 use crate::normal::{product, scaled, Cholesky, Matrix};
-use crate::smoothing::{motion_residual, precision, Factor, UpperTriangle};
+use crate::smoothing::{motion_cost, Block, Equations, Factor};
 
 /// Iterations at most.
 const ITERATIONS: usize = 15;
@@ -78,8 +77,8 @@ struct Seen<const Z: usize> {
 
 /// A linearised problem.
 struct System {
-    matrix: UpperTriangle,
-    descent: Vec<f64>,
+    equations: Equations,
+    /// What the sightings say of each landmark alone.
     information: Vec<Matrix<2, 2>>,
 }
 
@@ -101,9 +100,9 @@ impl<S: ?Sized> Graph<'_, S> {
     {
         let seen = self.seen::<Z>();
         let mut system = self.structure(&seen, guess.landmarks.len());
-        let border = system.descent.len() - 3 * self.past.steps();
+        let border = system.equations.descent.len() - 3 * self.past.steps();
         let factor = if border <= WIDEST_BORDER { Factor::in_order } else { Factor::of_structure };
-        let Some(mut factor) = factor(&system.matrix) else { return Ok(None) };
+        let Some(mut factor) = factor(&system.equations.upper) else { return Ok(None) };
         let mut solution = guess;
         let mut looks = self.look(&solution, &seen)?;
         let mut cost = self.cost(&solution, &seen, &looks);
@@ -111,9 +110,9 @@ impl<S: ?Sized> Graph<'_, S> {
             self.linearize(&solution, (&seen, &looks), &mut system);
             let mut step_size = f64::INFINITY;
             for damping in DAMPING {
-                system.matrix.scale_diagonal(1.0 + damping);
-                if factor.factorize(&system.matrix) {
-                    let step = factor.solve(&system.descent);
+                system.equations.upper.scale_diagonal(1.0 + damping);
+                if factor.factorize(&system.equations.upper) {
+                    let step = factor.solve(&system.equations.descent);
                     let moved = self.moved(&solution, &step);
                     let new_looks = self.look(&moved, &seen)?;
                     let new_cost = self.cost(&moved, &seen, &new_looks);
@@ -123,14 +122,14 @@ impl<S: ?Sized> Graph<'_, S> {
                         break;
                     }
                 }
-                system.matrix.scale_diagonal(1.0 / (1.0 + damping));
+                system.equations.upper.scale_diagonal(1.0 / (1.0 + damping));
             }
             if !(step_size.is_finite() && step_size >= SMALL_STEP) {
                 break;
             }
         }
         self.linearize(&solution, (&seen, &looks), &mut system);
-        let usable = cost.is_finite() && factor.factorize(&system.matrix);
+        let usable = cost.is_finite() && factor.factorize(&system.equations.upper);
         Ok(usable.then_some(Mode { solution, factor, information: system.information }))
     }
 
@@ -147,33 +146,16 @@ impl<S: ?Sized> Graph<'_, S> {
         self.sensor.look(&seen.iter().map(request).collect::<Vec<_>>())
     }
 
-    /// The places of all numbers: a pose's column holds the pose before and its own triangle, a landmark's the poses that
-    /// heard it, the calibration's all of these.
+    /// With places for all poses, for the landmarks by the poses that heard them, and for the calibration.
     fn structure<const Z: usize>(&self, seen: &[Seen<Z>], landmarks: usize) -> System {
-        let (poses, free) = (self.past.steps(), self.prior.free().len());
-        let size = 3 * poses + 2 * landmarks + free;
-        let mut matrix = UpperTriangle { column_starts: vec![0], ..UpperTriangle::default() };
-        for pose in 0..poses {
-            for c in 0..3 {
-                matrix.rows.extend(3 * pose.saturating_sub(1)..3 * pose + c + 1);
-                matrix.column_starts.push(matrix.rows.len());
-            }
-        }
         let mut hearing: Vec<Vec<usize>> = vec![Vec::new(); landmarks];
         seen.iter().for_each(|one| hearing[one.landmark].push(one.step));
         hearing.iter_mut().for_each(Vec::dedup);
         let mut all: Vec<usize> = seen.iter().map(|one| one.step).collect();
         all.dedup();
-        for column in 3 * poses..size {
-            let border = column - 3 * poses;
-            let steps = hearing.get(border / 2).unwrap_or(&all);
-            matrix.rows.extend(steps.iter().flat_map(|step| 3 * step..3 * step + 3));
-            let first = if border < 2 * landmarks { column - border % 2 } else { 3 * poses };
-            matrix.rows.extend(first..=column);
-            matrix.column_starts.push(matrix.rows.len());
-        }
-        matrix.values = vec![0.0; matrix.rows.len()];
-        System { matrix, descent: vec![0.0; size], information: vec![[[0.0; 2]; 2]; landmarks] }
+        let seen_from = hearing.iter().map(|steps| steps.iter().copied());
+        let equations = Equations::new(self.past.steps(), seen_from, (self.prior.free().len(), &all));
+        System { equations, information: vec![[[0.0; 2]; 2]; landmarks] }
     }
 
     /// The normal equations about a solution: what motions, sightings and the calibration's prior say.
@@ -183,59 +165,49 @@ impl<S: ?Sized> Graph<'_, S> {
         (seen, looks): (&[Seen<Z>], &[Look<Z>]),
         system: &mut System,
     ) {
-        system.matrix.values.fill(0.0);
-        system.descent.fill(0.0);
+        system.equations.clear();
         system.information.fill([[0.0; 2]; 2]);
-        self.add_motions(solution, system);
+        for (step, motion) in self.past.motions.iter().enumerate() {
+            system.equations.add_motion(step, self.ends(solution, step), motion);
+        }
         for (one, look) in seen.iter().zip(looks) {
             self.add_sighting(solution, one, look, system);
         }
         for (place, parameter) in self.prior.free().iter().enumerate() {
-            let column = self.first_parameter(solution) + place;
             let weight = self.prior.std[*parameter].powi(-2);
-            system.add(&[column], &[[1.0]], &[[weight]], &[-self.off_prior(solution)[*parameter]]);
+            let pull = -weight * self.off_prior(solution)[*parameter];
+            system.equations.add_known(self.first_parameter(solution) + place, weight, pull);
         }
     }
 
-    /// Motions tie each pose to the one before it, the first to the start.
-    fn add_motions(&self, solution: &Solution, system: &mut System) {
-        for (step, motion) in self.past.motions.iter().enumerate() {
-            let before = step.checked_sub(1).map_or(self.start, |before| solution.poses[before]);
-            let (residual, by_before, by_after) = motion_residual(before, solution.poses[step], motion.mean);
-            let weight = precision(motion.covariance);
-            let own: [usize; 3] = std::array::from_fn(|i| 3 * step + i);
-            let pulled = residual.map(|r| -r);
-            if step > 0 {
-                let joined: Matrix<3, 6> = std::array::from_fn(|r| {
-                    std::array::from_fn(|c| if c < 3 { by_before[r][c] } else { by_after[r][c - 3] })
-                });
-                let variables: [usize; 6] = std::array::from_fn(|i| 3 * (step - 1) + i);
-                system.add(&variables, &joined, &weight, &pulled);
-            } else {
-                system.add(&own, &by_after, &weight, &pulled);
-            }
-        }
+    /// Where a motion begins and ends: the first at the start.
+    fn ends(&self, solution: &Solution, step: usize) -> [Pose; 2] {
+        [step.checked_sub(1).map_or(self.start, |before| solution.poses[before]), solution.poses[step]]
     }
 
     /// A sighting ties a pose to a landmark, and both to the calibration where that is free.
     fn add_sighting<const Z: usize>(&self, solution: &Solution, one: &Seen<Z>, look: &Look<Z>, system: &mut System) {
         let Some((weight, _)) = self.weighed(one, look) else { return };
-        let by_pose = self.by_pose(solution, one, look);
+        let equations = &mut system.equations;
+        let pose = Block::new(3 * one.step, self.by_pose(solution, one, look), &weight);
         let own = 3 * self.past.steps() + 2 * one.landmark;
-        let mut variables = [3 * one.step, 3 * one.step + 1, 3 * one.step + 2, own, own + 1, 0, 0];
-        let mut by: Matrix<Z, 7> = std::array::from_fn(|z| {
-            std::array::from_fn(|c| match c {
-                0..3 => by_pose[z][c],
-                3..5 => look.by_landmark[z][c - 3],
-                _ => 0.0,
-            })
+        let landmark = Block::new(own, look.by_landmark, &weight);
+        equations.add(&pose, &look.innovation);
+        equations.add(&landmark, &look.innovation);
+        equations.add_between(&pose, &landmark);
+        let first = self.first_parameter(solution);
+        let parameters = self.prior.free().iter().enumerate().map(|(place, parameter)| {
+            let mut by = [[0.0]; Z];
+            by[0] = [if *parameter == 0 { look.by_scale } else { 1.0 }];
+            Block::new(first + place, by, &weight)
         });
-        let free = self.prior.free();
-        for (place, parameter) in free.iter().enumerate() {
-            variables[5 + place] = self.first_parameter(solution) + place;
-            by[0][5 + place] = if *parameter == 0 { look.by_scale } else { 1.0 };
+        let parameters: Vec<Block<Z, 1>> = parameters.collect();
+        for (place, parameter) in parameters.iter().enumerate() {
+            equations.add(parameter, &look.innovation);
+            equations.add_between(&pose, parameter);
+            equations.add_between(&landmark, parameter);
+            parameters[..place].iter().for_each(|before| equations.add_between(before, parameter));
         }
-        system.add(&variables[..5 + free.len()], &by, &weight, &look.innovation);
         let weighted = product(&weight, &look.by_landmark);
         let own: Matrix<2, 2> = std::array::from_fn(|a| {
             std::array::from_fn(|b| (0..Z).map(|z| look.by_landmark[z][a] * weighted[z][b]).sum())
@@ -265,14 +237,7 @@ impl<S: ?Sized> Graph<'_, S> {
         let noise = &one.heard.noise;
         let factor = Cholesky::of(&noise.covariance)?;
         let distance: f64 = factor.whitened(&look.innovation).iter().map(|v| v * v).sum();
-        let numbers = Z as f64;
-        let loss = match noise.tail {
-            // The integral of the weight that `noise_scale_of` gives, which is 1 for ordinary sightings.
-            Tail::StudentT(k) if distance > numbers => {
-                0.5 * (numbers + (k + numbers) * math::ln((k + distance) / (k + numbers)))
-            }
-            _ => 0.5 * distance,
-        };
+        let loss = noise.tail.loss_of(Z, distance);
         let weight = self.likelihood_exponent / noise.tail.noise_scale_of(Z, distance);
         Some((scaled(&factor.inverse(), weight), self.likelihood_exponent * loss))
     }
@@ -281,11 +246,7 @@ impl<S: ?Sized> Graph<'_, S> {
     fn cost<const Z: usize>(&self, solution: &Solution, seen: &[Seen<Z>], looks: &[Look<Z>]) -> f64 {
         let mut cost = 0.0;
         for (step, motion) in self.past.motions.iter().enumerate() {
-            let before = step.checked_sub(1).map_or(self.start, |before| solution.poses[before]);
-            let (residual, ..) = motion_residual(before, solution.poses[step], motion.mean);
-            let weight = precision(motion.covariance);
-            cost += 0.5
-                * (0..3).map(|a| (0..3).map(|b| residual[a] * weight[a][b] * residual[b]).sum::<f64>()).sum::<f64>();
+            cost += motion_cost(self.ends(solution, step), motion);
         }
         for (one, look) in seen.iter().zip(looks) {
             cost += self.weighed(one, look).map_or(f64::INFINITY, |(_, cost)| cost);
@@ -319,34 +280,11 @@ impl<S: ?Sized> Graph<'_, S> {
     }
 }
 
-impl System {
-    /// Adds ½ (r − J δ)ᵀ W (r − J δ) for the deviations δ of these variables, in ascending order; of the columns of J as many as
-    /// there are variables.
-    fn add<const Z: usize, const N: usize>(
-        &mut self,
-        variables: &[usize],
-        by: &Matrix<Z, N>,
-        weight: &Matrix<Z, Z>,
-        residual: &[f64; Z],
-    ) {
-        let weighted = product(weight, by);
-        for (c, column) in variables.iter().enumerate() {
-            self.descent[*column] += (0..Z).map(|z| weighted[z][c] * residual[z]).sum::<f64>();
-            let (start, end) = (self.matrix.column_starts[*column], self.matrix.column_starts[*column + 1]);
-            let rows = &self.matrix.rows[start..end];
-            let mut from = 0;
-            for (r, row) in variables[..=c].iter().enumerate() {
-                from += rows[from..].partition_point(|known| known < row);
-                self.matrix.values[start + from] += (0..Z).map(|z| by[z][r] * weighted[z][c]).sum::<f64>();
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::past::Noise;
     use super::*;
+    use crate::density::Tail;
     use crate::measurement::RangeOnly;
     use crate::motion::MotionGaussian;
 
@@ -401,17 +339,17 @@ mod tests {
             let mut system = graph.structure(&seen, 2);
             let looks = graph.look(&solution, &seen).unwrap();
             graph.linearize(&solution, (&seen, &looks), &mut system);
-            assert_eq!(system.descent.len(), 75 + 4 + 2);
-            for i in 0..system.descent.len() {
+            assert_eq!(system.equations.descent.len(), 75 + 4 + 2);
+            for i in 0..system.equations.descent.len() {
                 let h = 1e-6;
                 let cost = |sign: f64| {
-                    let mut step = vec![0.0; system.descent.len()];
+                    let mut step = vec![0.0; system.equations.descent.len()];
                     step[i] = sign * h;
                     let moved = graph.moved(&solution, &step);
                     graph.cost(&moved, &seen, &graph.look(&moved, &seen).unwrap())
                 };
                 let numeric = (cost(-1.0) - cost(1.0)) / (2.0 * h);
-                let found = system.descent[i];
+                let found = system.equations.descent[i];
                 assert!((numeric - found).abs() < 1e-5 * (1.0 + numeric.abs()), "{tail:?} {i}: {numeric} {found}");
             }
         }

@@ -1,17 +1,11 @@
 //! Path and landmarks together with the errors of sensor and odometry, which stand at the border of the precision.
 //!
-//! With path and landmarks x and parameters p a step solves, with A sparse, B thin and C small,
-//!
-//! ```text
-//! [ A  B ] [dx]   [a]        S = C − Bᵀ A⁻¹ B;   dp = S⁻¹ (b − Bᵀ A⁻¹ a);   dx = A⁻¹ (a − B dp)
-//! [ Bᵀ C ] [dp] = [b]
-//! ```
-//!
-//! and S⁻¹ is the covariance of the parameters, everything else integrated out. Who asks says how rows are weighed, and
-//! with it what becomes of outliers and of the noise.
+//! Everything else integrated out, their rows and columns of the inverse are the covariance of the parameters. Who asks says
+//! how rows are weighed, and with it what becomes of outliers and of the noise.
 
-use super::factor::{Factor, UpperTriangle};
-use super::rows::{add_to, dot, Row, Rows};
+use super::equations::{Block, Equations};
+use super::factor::Factor;
+use super::rows::{Row, Rows};
 use crate::error::{Error, Result};
 
 /// Information that keeps every unknown somewhere.
@@ -40,14 +34,10 @@ pub struct Priors {
 /// The factorised normal equations of weighed rows.
 pub struct Bordered {
     rows: Rows,
-    anchors: Anchors,
-    factor: Factor,
-    /// B and A⁻¹ B, a vector for each parameter.
-    border: Vec<Vec<f64>>,
-    solved: Vec<Vec<f64>>,
-    /// Information on the parameters beforehand.
-    pull: Vec<f64>,
+    /// Of unknowns and parameters: information beforehand, and what is known minus the present solution.
+    information: Vec<f64>,
     missing: Vec<f64>,
+    factor: Factor,
     covariance: Vec<Vec<f64>>,
 }
 
@@ -68,23 +58,25 @@ impl Bordered {
         if !rows.rows.iter().all(|row| row.residual.is_finite()) {
             return Err(loose());
         }
-        let mut matrix = structure(&rows);
-        add_rows(&rows, &mut matrix);
-        for (column, information) in anchors.information.iter().enumerate() {
-            matrix.values[matrix.column_starts[column + 1] - 1] += information + LEAST_INFORMATION;
+        let held = |std: &f64| if *std > 0.0 { *std } else { HELD };
+        let information: Vec<f64> =
+            anchors.information.into_iter().chain(priors.std.iter().map(|std| held(std).powi(-2))).collect();
+        let missing = [anchors.missing, priors.missing].concat();
+        let mut equations = structure(&rows);
+        (0..rows.len()).for_each(|row| add_row(&rows, row, &mut equations));
+        for (column, known) in information.iter().enumerate() {
+            let least = if column < size { LEAST_INFORMATION } else { 0.0 };
+            equations.add_known(column, known + least, known * missing[column]);
         }
-        let mut factor = Factor::of_structure(&matrix).ok_or_else(loose)?;
-        if !factor.factorize(&matrix) {
+        let mut factor = Factor::of_structure(&equations.upper).ok_or_else(loose)?;
+        if !factor.factorize(&equations.upper) {
             return Err(loose());
         }
-        let border: Vec<Vec<f64>> = (0..parameters).map(|p| border_column(&rows, p)).collect();
-        let solved: Vec<Vec<f64>> = border.iter().map(|column| factor.solve(column)).collect();
-        let held = |std: &f64| if *std > 0.0 { *std } else { HELD };
-        let pull: Vec<f64> = priors.std.iter().map(|std| held(std).powi(-2)).collect();
-        let schur = schur_complement(&rows, &border, &solved, &pull);
-        let covariance = inverse(&schur).ok_or_else(loose)?;
-        let missing = priors.missing;
-        Ok(Self { rows, anchors, factor, border, solved, pull, missing, covariance })
+        let covariance = factor.covariance(&(size..size + parameters).collect::<Vec<usize>>());
+        if !covariance.iter().flatten().all(|value| value.is_finite()) {
+            return Err(loose());
+        }
+        Ok(Self { rows, information, missing, factor, covariance })
     }
 
     /// The rows.
@@ -99,13 +91,12 @@ impl Bordered {
 
     /// The step of unknowns and parameters that explains the rows.
     pub fn step(&self) -> (Vec<f64>, Vec<f64>) {
-        let (mut a, mut b) = self.rows.transposed(&self.rows.residuals());
-        a.iter_mut().chain(&mut b).for_each(|value| *value = -*value);
-        let known = self.anchors.information.iter().zip(&self.anchors.missing);
-        a.iter_mut().zip(known).for_each(|(a, (information, missing))| *a += information * missing);
-        let known = self.pull.iter().zip(&self.missing);
-        b.iter_mut().zip(known).for_each(|(b, (pull, missing))| *b += pull * missing);
-        self.solve(&a, b)
+        let mut right = self.rows.transposed(&self.rows.residuals());
+        let known = self.information.iter().zip(&self.missing);
+        right.iter_mut().zip(known).for_each(|(to, (information, missing))| *to = information * missing - *to);
+        let mut unknowns = self.factor.solve(&right);
+        let parameters = unknowns.split_off(self.rows.size().0);
+        (unknowns, parameters)
     }
 
     /// How the rows would move if they, the anchors and the priors erred by so many standard deviations.
@@ -116,20 +107,15 @@ impl Bordered {
     ///
     /// **Errors:** [`Error::Input`] for another number of them.
     pub fn response(&self, noise: &[f64]) -> Result<Vec<f64>> {
-        let (size, parameters) = self.rows.size();
-        let expected = self.rows.len() + size + parameters;
+        let expected = self.rows.len() + self.information.len();
         if noise.len() != expected {
             return Err(Error::Input(format!("least squares: got {} numbers, expected {expected}", noise.len())));
         }
-        let (of_rows, rest) = noise.split_at(self.rows.len());
-        let (of_unknowns, of_parameters) = rest.split_at(size);
-        let (mut a, mut b) = self.rows.transposed(of_rows);
-        let anchored = self.anchors.information.iter().zip(of_unknowns);
-        a.iter_mut().zip(anchored).for_each(|(a, (information, noise))| *a = information.sqrt() * noise - *a);
-        let pulled = self.pull.iter().zip(of_parameters);
-        b.iter_mut().zip(pulled).for_each(|(b, (pull, noise))| *b = pull.sqrt() * noise - *b);
-        let (unknowns, found) = self.solve(&a, b);
-        Ok(self.rows.times(&unknowns, &found))
+        let (of_rows, of_known) = noise.split_at(self.rows.len());
+        let mut right = self.rows.transposed(of_rows);
+        let known = self.information.iter().zip(of_known);
+        right.iter_mut().zip(known).for_each(|(to, (information, noise))| *to = information.sqrt() * noise - *to);
+        Ok(self.rows.times(&self.factor.solve(&right)))
     }
 
     /// What each row's residual does to the parameters: rows by parameters.
@@ -137,26 +123,16 @@ impl Bordered {
         let (size, parameters) = self.rows.size();
         let mut influence = vec![0.0; self.rows.len() * parameters];
         for column in 0..parameters {
-            let own = &self.covariance[column];
-            let mut unknowns = vec![0.0; size];
-            self.solved.iter().zip(own).for_each(|(solved, by)| add_to(&mut unknowns, solved, -by));
-            let rows = self.rows.times(&unknowns, own);
+            let unit: Vec<f64> = (0..size + parameters).map(|k| f64::from(u8::from(k == size + column))).collect();
+            let rows = self.rows.times(&self.factor.solve(&unit));
             rows.iter().enumerate().for_each(|(row, value)| influence[row * parameters + column] = *value);
         }
         influence
     }
-
-    fn solve(&self, a: &[f64], b: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
-        let mut unknowns = self.factor.solve(a);
-        let left: Vec<f64> = b.iter().zip(&self.border).map(|(b, border)| b - dot(border, &unknowns)).collect();
-        let parameters: Vec<f64> = self.covariance.iter().map(|row| dot(row, &left)).collect();
-        self.solved.iter().zip(&parameters).for_each(|(solved, p)| add_to(&mut unknowns, solved, -p));
-        (unknowns, parameters)
-    }
 }
 
-/// The places of all numbers of A.
-fn structure(rows: &Rows) -> UpperTriangle {
+/// With places for all poses, landmarks and parameters.
+fn structure(rows: &Rows) -> Equations {
     let mut seen_from = vec![Vec::new(); rows.landmarks];
     for row in rows.rows[..rows.of_sightings()].iter().step_by(2) {
         seen_from[(row.at[1] - 3 * rows.poses) / 2].push(row.at[0] / 3);
@@ -165,69 +141,45 @@ fn structure(rows: &Rows) -> UpperTriangle {
         poses.sort_unstable();
         poses.dedup();
     }
-    UpperTriangle::of_chain(rows.poses, seen_from.iter().map(|poses| poses.iter().copied()))
+    let all: Vec<usize> = (0..rows.poses).collect();
+    Equations::new(rows.poses, seen_from.iter().map(|poses| poses.iter().copied()), (rows.parameters, &all))
 }
 
-/// Adds Aᵀ A.
-fn add_rows(rows: &Rows, upper: &mut UpperTriangle) {
-    for Row { at, width, first, second, .. } in &rows.rows {
-        add_square(upper, at[0], first);
-        add_square(upper, at[1], &second[..*width]);
-        for (c, value) in second[..*width].iter().enumerate() {
-            let start = upper.column_starts[at[1] + c];
-            let column = &upper.rows[start..upper.column_starts[at[1] + c + 1]];
-            let place = start + column.partition_point(|row| *row < at[0]);
-            add_to(&mut upper.values[place..place + 3], first, *value);
-        }
+/// Adds a row to the left side.
+fn add_row(rows: &Rows, number: usize, equations: &mut Equations) {
+    const ONE: [[f64; 1]; 1] = [[1.0]];
+    let Row { at, width, first, second, .. } = rows.rows[number];
+    let first = Block::new(at[0], [first], &ONE);
+    equations.add(&first, &[0.0]);
+    let border = rows.border[number * rows.parameters..][..rows.parameters].iter().enumerate();
+    let border: Vec<Block<1, 1>> =
+        border.map(|(parameter, by)| Block::new(rows.size().0 + parameter, [[*by]], &ONE)).collect();
+    match width {
+        2 => add_second(&Block::new(at[1], [[second[0], second[1]]], &ONE), (&first, &border), equations),
+        _ => add_second(&Block::new(at[1], [second], &ONE), (&first, &border), equations),
+    }
+    for (place, parameter) in border.iter().enumerate() {
+        equations.add(parameter, &[0.0]);
+        equations.add_between(&first, parameter);
+        border[..place].iter().for_each(|before| equations.add_between(before, parameter));
     }
 }
 
-/// Adds v vᵀ to the block at `own` on the diagonal.
-fn add_square(upper: &mut UpperTriangle, own: usize, vector: &[f64]) {
-    for (c, value) in vector.iter().enumerate() {
-        let end = upper.column_starts[own + c + 1];
-        add_to(&mut upper.values[end - 1 - c..end], vector, *value);
-    }
-}
-
-/// A column of B.
-fn border_column(rows: &Rows, parameter: usize) -> Vec<f64> {
-    let values: Vec<f64> = rows.border.iter().skip(parameter).step_by(rows.parameters).copied().collect();
-    rows.transposed(&values).0
-}
-
-/// S = C − Bᵀ A⁻¹ B.
-fn schur_complement(rows: &Rows, border: &[Vec<f64>], solved: &[Vec<f64>], pull: &[f64]) -> Vec<Vec<f64>> {
-    let mut schur = vec![vec![0.0; pull.len()]; pull.len()];
-    for row in rows.border.chunks_exact(pull.len()) {
-        schur.iter_mut().zip(row).for_each(|(to, value)| add_to(to, row, *value));
-    }
-    for (p, row) in schur.iter_mut().enumerate() {
-        row[p] += pull[p];
-        row.iter_mut().zip(solved).for_each(|(value, solved)| *value -= dot(&border[p], solved));
-    }
-    schur
-}
-
-/// The inverse of a small matrix; `None` when it is not positive definite.
-fn inverse(matrix: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
-    let mut upper = UpperTriangle { column_starts: vec![0], ..UpperTriangle::default() };
-    for c in 0..matrix.len() {
-        upper.rows.extend(0..=c);
-        upper.values.extend((0..=c).map(|r| 0.5 * (matrix[r][c] + matrix[c][r])));
-        upper.column_starts.push(upper.rows.len());
-    }
-    let mut factor = Factor::in_order(&upper)?;
-    let all: Vec<usize> = (0..matrix.len()).collect();
-    let usable = factor.factorize(&upper);
-    usable.then(|| factor.covariance(&all)).filter(|found| found.iter().flatten().all(|value| value.is_finite()))
+fn add_second<const N: usize>(
+    second: &Block<1, N>,
+    (first, border): (&Block<1, 3>, &[Block<1, 1>]),
+    equations: &mut Equations,
+) {
+    equations.add(second, &[0.0]);
+    equations.add_between(first, second);
+    border.iter().for_each(|parameter| equations.add_between(second, parameter));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::geometry::Pose;
-    use crate::smoothing::rows::{Problem, Sight, OF_SENSOR};
+    use crate::smoothing::rows::{dot, Problem, Sight, OF_SENSOR};
 
     const LINKS: usize = 4;
     const OF_MOTION: usize = 2;
@@ -280,9 +232,8 @@ mod tests {
     /// Rows by unknowns and parameters, in one.
     fn jacobian(rows: &Rows) -> Vec<Vec<f64>> {
         let unit = |k: usize, size: usize| (0..size).map(|i| f64::from(u8::from(i == k))).collect::<Vec<_>>();
-        let columns: Vec<Vec<f64>> = (0..SIZES[0] + SIZES[1])
-            .map(|k| rows.times(&unit(k, SIZES[0]), &unit(k.wrapping_sub(SIZES[0]), SIZES[1])))
-            .collect();
+        let columns: Vec<Vec<f64>> =
+            (0..SIZES[0] + SIZES[1]).map(|k| rows.times(&unit(k, SIZES[0] + SIZES[1]))).collect();
         (0..rows.len()).map(|r| columns.iter().map(|column| column[r]).collect()).collect()
     }
 
@@ -366,12 +317,15 @@ mod tests {
         let bordered = Bordered::new(rows.clone(), anchors(), priors()).unwrap();
         let influence = bordered.influence();
         for parameter in 0..SIZES[1] {
-            // The column of the inverse that belongs to the parameter: what rows it has with the unknowns follows from A.
-            let own = &bordered.covariance()[parameter];
-            let mut column = vec![0.0; SIZES[0]];
-            bordered.solved.iter().zip(own).for_each(|(solved, by)| add_to(&mut column, solved, -by));
-            column.extend(own);
-            let unit: Vec<f64> = (0..column.len()).map(|k| f64::from(u8::from(k == SIZES[0] + parameter))).collect();
+            // The column of the inverse that belongs to the parameter.
+            let mut unit = vec![0.0; SIZES[0] + SIZES[1]];
+            unit[SIZES[0] + parameter] = 1.0;
+            let column = bordered.factor.solve(&unit);
+            check(
+                &column[SIZES[0]..].iter().map(|value| vec![*value]).collect::<Vec<_>>(),
+                &[1.0],
+                &bordered.covariance()[parameter],
+            );
             check(&matrix, &column, &unit);
             for (r, row) in jacobian.iter().enumerate() {
                 assert!((influence[r * SIZES[1] + parameter] - dot(row, &column)).abs() < 1e-9);
@@ -385,11 +339,7 @@ mod tests {
                 information.sqrt() * of_known[k] - jacobian.iter().zip(of_rows).map(|(row, r)| row[k] * r).sum::<f64>()
             })
             .collect();
-        let (unknowns, parameters) = {
-            let (a, b) = right.split_at(SIZES[0]);
-            bordered.solve(a, b.to_vec())
-        };
-        let solution = [unknowns, parameters].concat();
+        let solution = bordered.factor.solve(&right);
         check(&matrix, &solution, &right);
         let response = bordered.response(&noise).unwrap();
         for (row, moved) in jacobian.iter().zip(response) {

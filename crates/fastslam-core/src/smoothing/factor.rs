@@ -51,7 +51,7 @@ impl UpperTriangle {
         upper
     }
 
-    fn size(&self) -> usize {
+    pub(super) fn size(&self) -> usize {
         self.column_starts.len() - 1
     }
 

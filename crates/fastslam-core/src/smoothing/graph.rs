@@ -3,20 +3,16 @@
 //! Unknowns are ordered poses first: (x, y, heading) of every free step, then (x, y) of every landmark seen from one.
 
 use super::effort::Effort;
-use super::factor::{Factor, UpperTriangle};
+use super::equations::{motion_cost, Block, Equations};
+use super::factor::Factor;
 use super::history::{History, Seen, Trajectory};
 use crate::gaussian::Gaussian;
-use crate::geometry::{Matrix3, Pose, Symmetric2};
-use crate::landmark::{innovation_covariance, Measured, Tail};
+use crate::geometry::{Pose, Symmetric2};
+use crate::landmark::{innovation_covariance, Measured};
 use crate::math;
 use crate::measurement::Placing;
 use rustc_hash::FxHashMap;
 
-/// Added to the variances of every motion, in m² and rad².
-///
-/// **Why:** a control of two dimensions spans two of the three of a motion, and standing still none, so the precision
-/// of a motion need not exist. A tenth of a millimetre a step is one centimetre after 10,000 steps.
-const LEAST_VARIANCE: [f64; 3] = [1e-8, 1e-8, 1e-10];
 /// Iterations at most.
 const ITERATIONS: usize = 12;
 /// What a solution takes as a rule.
@@ -117,26 +113,12 @@ struct Stepped {
     promised: f64,
 }
 
-/// The precision, and minus the gradient.
-struct Equations<'a> {
-    upper: &'a mut UpperTriangle,
-    descent: &'a mut [f64],
-}
-
-/// Where the blocks of the precision lie in its columns.
-struct Layout {
-    poses: usize,
-    /// Per landmark, the distinct free steps that saw it.
-    seen_from: Vec<Vec<u32>>,
-}
-
 impl<M: Placing> Graph<'_, M> {
     /// The mode near a first guess; `None` when no finite solution was found, or it may take too much.
     pub fn solve(&self, guess: Solution) -> Option<Mode> {
-        let layout = self.layout(guess.trajectory.poses.len());
-        let mut matrix = self.structure(&layout);
-        let mut factor = Factor::of_structure(&matrix)?;
-        let each = self.work_of_iteration(&layout, &factor);
+        let mut equations = self.equations(guess.trajectory.poses.len());
+        let mut factor = Factor::of_structure(&equations.upper)?;
+        let each = self.work_of_iteration(guess.trajectory.poses.len(), &factor);
         if !self.effort.allows(EXPECTED_ITERATIONS * each) {
             return None;
         }
@@ -144,8 +126,8 @@ impl<M: Placing> Graph<'_, M> {
         let (mut at, mut risen) = (guess, 0);
         for _ in 0..ITERATIONS {
             self.effort.spend(each);
-            let mut descent = self.linearize(&at, &layout, &mut matrix);
-            if let Some(Stepped { to, cost, promised }) = self.step(&at, &descent, (&matrix, &mut factor)) {
+            self.linearize(&at, &mut equations);
+            if let Some(Stepped { to, cost, promised }) = self.step(&at, &equations, &mut factor) {
                 if cost <= best.1 {
                     best = (to, cost);
                     if promised < SMALL_GAIN {
@@ -161,37 +143,32 @@ impl<M: Placing> Graph<'_, M> {
                 }
             }
             if risen > 0 {
-                descent = self.linearize(&best.0, &layout, &mut matrix);
+                self.linearize(&best.0, &mut equations);
             }
-            let Some(better) = self.descend(&best, &descent, (&mut matrix, &mut factor)) else { break };
+            let Some(better) = self.descend(&best, &mut equations, &mut factor) else { break };
             (at, risen) = (better.0.clone(), 0);
             best = better;
         }
         let (solution, cost) = best;
-        self.linearize(&solution, &layout, &mut matrix);
-        let usable = cost.is_finite() && factor.factorize(&matrix);
+        self.linearize(&solution, &mut equations);
+        let usable = cost.is_finite() && factor.factorize(&equations.upper);
         usable.then_some(Mode { solution, cost, factor })
     }
 
-    fn work_of_iteration(&self, layout: &Layout, factor: &Factor) -> f64 {
+    fn work_of_iteration(&self, steps: usize, factor: &Factor) -> f64 {
         let sightings: usize = self.landmarks.iter().map(|sights| sights.seen.len()).sum();
-        0.01 * factor.operations() + (sightings + layout.poses) as f64
+        0.01 * factor.operations() + (sightings + steps - self.first_free) as f64
     }
 
     /// A step of Gauss–Newton; `None` where the precision is none.
-    fn step(
-        &self,
-        from: &Solution,
-        descent: &[f64],
-        (matrix, factor): (&UpperTriangle, &mut Factor),
-    ) -> Option<Stepped> {
-        if !factor.factorize(matrix) {
+    fn step(&self, from: &Solution, equations: &Equations, factor: &mut Factor) -> Option<Stepped> {
+        if !factor.factorize(&equations.upper) {
             return None;
         }
-        let step = factor.solve(descent);
+        let step = factor.solve(&equations.descent);
         let to = self.moved(from, &step);
         let cost = self.cost(&to);
-        let promised = 0.5 * step.iter().zip(descent).map(|(s, d)| s * d).sum::<f64>();
+        let promised = 0.5 * step.iter().zip(&equations.descent).map(|(s, d)| s * d).sum::<f64>();
         Some(Stepped { to, cost, promised })
     }
 
@@ -199,118 +176,68 @@ impl<M: Placing> Graph<'_, M> {
     fn descend(
         &self,
         (solution, cost): &(Solution, f64),
-        descent: &[f64],
-        (matrix, factor): (&mut UpperTriangle, &mut Factor),
+        equations: &mut Equations,
+        factor: &mut Factor,
     ) -> Option<(Solution, f64)> {
         for damping in DAMPING {
-            matrix.scale_diagonal(1.0 + damping);
-            let stepped = self.step(solution, descent, (matrix, factor));
+            equations.upper.scale_diagonal(1.0 + damping);
+            let stepped = self.step(solution, equations, factor);
             if let Some(Stepped { to, cost, .. }) = stepped.filter(|stepped| stepped.cost <= *cost) {
                 return Some((to, cost));
             }
-            matrix.scale_diagonal(1.0 / (1.0 + damping));
+            equations.upper.scale_diagonal(1.0 / (1.0 + damping));
         }
         None
     }
 
-    fn layout(&self, steps: usize) -> Layout {
+    /// With places for free poses and the landmarks seen from them.
+    fn equations(&self, steps: usize) -> Equations {
         let free_steps = |sights: &Sights| {
-            let mut steps: Vec<u32> =
-                sights.seen.iter().map(|s| s.step).filter(|s| *s as usize >= self.first_free).collect();
+            let mut steps: Vec<usize> =
+                sights.seen.iter().filter_map(|s| (s.step as usize).checked_sub(self.first_free)).collect();
             steps.dedup();
-            steps
+            steps.into_iter()
         };
-        Layout { poses: steps - self.first_free, seen_from: self.landmarks.iter().map(free_steps).collect() }
+        Equations::new(steps - self.first_free, self.landmarks.iter().map(free_steps), (0, &[]))
     }
 
-    fn structure(&self, layout: &Layout) -> UpperTriangle {
-        let numbers = |steps: &'_ Vec<u32>| steps.clone().into_iter().map(|step| step as usize - self.first_free);
-        UpperTriangle::of_chain(layout.poses, layout.seen_from.iter().map(numbers))
-    }
-
-    /// Fills the precision and returns minus the gradient.
-    fn linearize(&self, solution: &Solution, layout: &Layout, upper: &mut UpperTriangle) -> Vec<f64> {
-        upper.values.fill(0.0);
-        let mut descent = vec![0.0; 3 * layout.poses + 2 * self.landmarks.len()];
-        let mut equations = Equations { upper, descent: &mut descent };
-        for pose in 0..layout.poses {
-            self.add_motion(solution, pose, &mut equations);
+    /// Fills the equations about a solution.
+    fn linearize(&self, solution: &Solution, equations: &mut Equations) {
+        equations.clear();
+        let poses = solution.trajectory.poses.len() - self.first_free;
+        for pose in 0..poses {
+            let step = self.first_free + pose;
+            let ends = [solution.trajectory.before(step), solution.trajectory.poses[step]];
+            equations.add_motion(pose, ends, self.history.motion(step));
         }
         for (k, sights) in self.landmarks.iter().enumerate() {
-            let mut place = 0;
+            let own = 3 * poses + 2 * k;
             for seen in &sights.seen {
-                while (place < layout.seen_from[k].len()) && layout.seen_from[k][place] < seen.step {
-                    place += 1;
-                }
-                let at = [3 * layout.poses + 2 * k, place];
-                self.add_sighting(solution, k, seen, at, &mut equations);
+                self.add_sighting(solution, k, seen, (own, equations));
             }
-            let own = 3 * layout.poses + 2 * k;
-            self.landmarks[k].known.add_to(solution.landmarks[k], own, &mut equations);
-        }
-        descent
-    }
-
-    fn add_motion(&self, solution: &Solution, pose: usize, Equations { upper, descent }: &mut Equations<'_>) {
-        let step = self.first_free + pose;
-        let before = solution.trajectory.before(step);
-        let (residual, by_before, by_after) =
-            motion_residual(before, solution.trajectory.poses[step], self.history.motion(step).mean);
-        let weight = precision(self.history.motion(step).covariance);
-        let by_after_weighted = weighted(&by_after, &weight);
-        let own = 3 * pose;
-        add_triangle(upper, own, &product(&by_after_weighted, &by_after));
-        subtract(&mut descent[own..own + 3], &apply(&by_after_weighted, &residual));
-        if pose > 0 {
-            let by_before_weighted = weighted(&by_before, &weight);
-            add_triangle(upper, own - 3, &product(&by_before_weighted, &by_before));
-            let cross = product(&by_before_weighted, &by_after);
-            for c in 0..3 {
-                let start = upper.column_starts[own + c];
-                (0..3).for_each(|r| upper.values[start + r] += cross[r][c]);
+            match sights.known {
+                Known::Nothing => {}
+                Known::Prior(_) => equations.add_known_pair(own, sights.known.information(solution.landmarks[k])),
+                Known::Place(_) => equations.add_known_pair(own, [UNMOVED, 0.0, UNMOVED, 0.0, 0.0]),
             }
-            subtract(&mut descent[own - 3..own], &apply(&by_before_weighted, &residual));
         }
     }
 
-    /// `at`: the landmark's first row, and the place of the step among those that saw it.
-    fn add_sighting(
-        &self,
-        solution: &Solution,
-        k: usize,
-        seen: &Seen,
-        [own, place]: [usize; 2],
-        Equations { upper, descent }: &mut Equations<'_>,
-    ) {
+    /// A sighting ties a landmark, whose first unknown is `own`, to the pose that it was made from, where these are free.
+    fn add_sighting(&self, solution: &Solution, k: usize, seen: &Seen, (own, equations): (usize, &mut Equations)) {
         let measured = self.history.sighting(seen.sighting);
         let known = &self.landmarks[k].known;
         let view = self.view(solution.trajectory.poses[seen.step as usize], (solution.landmarks[k], known), measured);
-        let [[w00, w01], [_, w11]] = view.weight;
-        let weigh = |a: f64, b: f64| [a * w00 + b * w01, a * w01 + b * w11];
-        let by_landmark: [[f64; 2]; 2] = std::array::from_fn(|c| weigh(view.by_landmark[0][c], view.by_landmark[1][c]));
-        let dot = |w: [f64; 2], a: f64, b: f64| w[0] * a + w[1] * b;
-        let free = if matches!(known, Known::Place(_)) { 0 } else { 2 };
-        for c in 0..free {
-            let end = upper.column_starts[own + c + 1];
-            for r in 0..=c {
-                upper.values[end - 1 - c + r] += dot(by_landmark[r], view.by_landmark[0][c], view.by_landmark[1][c]);
-            }
-            descent[own + c] += dot(by_landmark[c], view.innovation[0], view.innovation[1]);
+        let landmark = Block::new(own, view.by_landmark, &view.weight);
+        let moves = !matches!(known, Known::Place(_));
+        if moves {
+            equations.add(&landmark, &view.innovation);
         }
         let Some(pose) = (seen.step as usize).checked_sub(self.first_free) else { return };
-        let by_pose: [[f64; 2]; 3] = std::array::from_fn(|c| weigh(view.by_pose[0][c], view.by_pose[1][c]));
-        for c in 0..3 {
-            let end = upper.column_starts[3 * pose + c + 1];
-            for r in 0..=c {
-                upper.values[end - 1 - c + r] += dot(by_pose[r], view.by_pose[0][c], view.by_pose[1][c]);
-            }
-            descent[3 * pose + c] += dot(by_pose[c], view.innovation[0], view.innovation[1]);
-        }
-        for c in 0..free {
-            let start = upper.column_starts[own + c] + 3 * place;
-            for r in 0..3 {
-                upper.values[start + r] += dot(by_pose[r], view.by_landmark[0][c], view.by_landmark[1][c]);
-            }
+        let pose = Block::new(3 * pose, view.by_pose, &view.weight);
+        equations.add(&pose, &view.innovation);
+        if moves {
+            equations.add_between(&pose, &landmark);
         }
     }
 
@@ -339,11 +266,8 @@ impl<M: Placing> Graph<'_, M> {
     fn cost(&self, solution: &Solution) -> f64 {
         let mut cost = 0.0;
         for step in self.first_free..solution.trajectory.poses.len() {
-            let after = solution.trajectory.poses[step];
-            let motion = self.history.motion(step);
-            let (residual, ..) = motion_residual(solution.trajectory.before(step), after, motion.mean);
-            let weighted = apply(&precision(motion.covariance), &residual);
-            cost += 0.5 * (0..3).map(|i| weighted[i] * residual[i]).sum::<f64>();
+            let ends = [solution.trajectory.before(step), solution.trajectory.poses[step]];
+            cost += motion_cost(ends, self.history.motion(step));
         }
         for (k, sights) in self.landmarks.iter().enumerate() {
             cost += sights.known.cost(solution.landmarks[k]);
@@ -351,13 +275,7 @@ impl<M: Placing> Graph<'_, M> {
                 let measured = self.history.sighting(seen.sighting);
                 let pose = solution.trajectory.poses[seen.step as usize];
                 let distance = self.view(pose, (solution.landmarks[k], &sights.known), measured).distance;
-                let loss = match measured.tail {
-                    Tail::Gaussian => 0.5 * distance,
-                    // The integral of the weight that `noise_scale` gives, which is 1 for ordinary sightings.
-                    Tail::StudentT(_) if distance <= 2.0 => 0.5 * distance,
-                    Tail::StudentT(k) => 1.0 + 0.5 * (k + 2.0) * math::ln((k + distance) / (k + 2.0)),
-                };
-                cost += self.likelihood_exponent * loss;
+                cost += self.likelihood_exponent * measured.tail.loss_of(2, distance);
             }
         }
         if cost.is_finite() {
@@ -397,21 +315,6 @@ impl Known {
         0.5 * (pull_x * (known.mean[0] - at[0]) + pull_y * (known.mean[1] - at[1]))
     }
 
-    /// Adds what is known to the landmark's block, whose first row is `own`.
-    fn add_to(&self, at: [f64; 2], own: usize, Equations { upper, descent }: &mut Equations<'_>) {
-        let [xx, xy, yy, pull_x, pull_y] = match self {
-            Self::Nothing => return,
-            Self::Prior(_) => self.information(at),
-            Self::Place(_) => [UNMOVED, 0.0, UNMOVED, 0.0, 0.0],
-        };
-        let ends = [upper.column_starts[own + 1], upper.column_starts[own + 2]];
-        for (place, value) in [(ends[0] - 1, xx), (ends[1] - 2, xy), (ends[1] - 1, yy)] {
-            upper.values[place] += value;
-        }
-        descent[own] += pull_x;
-        descent[own + 1] += pull_y;
-    }
-
     /// The noise of a sighting with that of a place that does not move.
     fn widened(&self, noise: Symmetric2, by_landmark: [[f64; 2]; 2]) -> Symmetric2 {
         let Self::Place(Gaussian { covariance, .. }) = self else { return noise };
@@ -431,61 +334,10 @@ pub(super) struct View {
     pub distance: f64,
 }
 
-/// How far a motion is from what the odometry says, in the frame of its start, with the derivatives by both poses.
-pub(crate) fn motion_residual(before: Pose, after: Pose, expected: Pose) -> ([f64; 3], Matrix3, Matrix3) {
-    let (s, c) = math::sin_cos(before.heading);
-    let (dx, dy) = (after.x - before.x, after.y - before.y);
-    let (forward, left) = (c * dx + s * dy, c * dy - s * dx);
-    let turn = math::wrap_angle(after.heading - before.heading - expected.heading);
-    let residual = [forward - expected.x, left - expected.y, turn];
-    let by_after = [[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]];
-    let by_before = [[-c, -s, left], [s, -c, -forward], [0.0, 0.0, -1.0]];
-    (residual, by_before, by_after)
-}
-
-/// The precision of a motion in the frame of its start.
-pub(crate) fn precision(mut p: Matrix3) -> Matrix3 {
-    (0..3).for_each(|i| p[i][i] += LEAST_VARIANCE[i]);
-    let minor = |a: usize, b: usize, c: usize, d: usize| p[a][b] * p[c][d] - p[a][d] * p[c][b];
-    let adjugate = [
-        [minor(1, 1, 2, 2), -minor(0, 1, 2, 2), minor(0, 1, 1, 2)],
-        [-minor(1, 0, 2, 2), minor(0, 0, 2, 2), -minor(0, 0, 1, 2)],
-        [minor(1, 0, 2, 1), -minor(0, 0, 2, 1), minor(0, 0, 1, 1)],
-    ];
-    let determinant = p[0][0] * adjugate[0][0] + p[0][1] * adjugate[1][0] + p[0][2] * adjugate[2][0];
-    adjugate.map(|row| row.map(|v| v / determinant))
-}
-
-/// Jᵀ W.
-fn weighted(j: &Matrix3, w: &Matrix3) -> Matrix3 {
-    std::array::from_fn(|r| std::array::from_fn(|c| (0..3).map(|k| j[k][r] * w[k][c]).sum()))
-}
-
-/// A B.
-fn product(a: &Matrix3, b: &Matrix3) -> Matrix3 {
-    crate::geometry::multiply3(a, b)
-}
-
-fn apply(a: &Matrix3, x: &[f64; 3]) -> [f64; 3] {
-    a.map(|row| (0..3).map(|k| row[k] * x[k]).sum())
-}
-
-fn subtract(from: &mut [f64], what: &[f64; 3]) {
-    from.iter_mut().zip(what).for_each(|(a, b)| *a -= b);
-}
-
-/// Adds to the triangle on the diagonal of a pose.
-fn add_triangle(upper: &mut UpperTriangle, own: usize, block: &Matrix3) {
-    for c in 0..3 {
-        let end = upper.column_starts[own + c + 1];
-        (0..=c).for_each(|r| upper.values[end - 1 - c + r] += block[r][c]);
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Symmetric2;
+    use crate::density::Tail;
     use crate::measurement::{MeasurementModel, RangeBearing};
     use crate::motion::MotionGaussian;
 
@@ -537,8 +389,9 @@ mod tests {
             let (history, sights, solution) = example(tail);
             let effort = Effort::any();
             let graph = graph((&history, &effort), sights, first_free);
-            let layout = graph.layout(6);
-            let descent = graph.linearize(&solution, &layout, &mut graph.structure(&layout));
+            let mut equations = graph.equations(6);
+            graph.linearize(&solution, &mut equations);
+            let descent = &equations.descent;
             assert_eq!(descent.len(), 3 * (6 - first_free) + 4);
             for i in 0..descent.len() {
                 let h = 1e-6;
@@ -566,10 +419,10 @@ mod tests {
             let before = graph.cost(&guess);
             let mode = graph.solve(guess).unwrap();
             assert!(graph.cost(&mode.solution) < before);
-            let layout = graph.layout(6);
-            let descent = graph.linearize(&mode.solution, &layout, &mut graph.structure(&layout));
-            let step = mode.factor.solve(&descent);
-            let promised: f64 = step.iter().zip(&descent).map(|(s, d)| 0.5 * s * d).sum();
+            let mut equations = graph.equations(6);
+            graph.linearize(&mode.solution, &mut equations);
+            let step = mode.factor.solve(&equations.descent);
+            let promised: f64 = step.iter().zip(&equations.descent).map(|(s, d)| 0.5 * s * d).sum();
             assert!((0.0..SMALL_GAIN).contains(&promised), "{promised}");
         }
     }

@@ -1,6 +1,6 @@
 //! Sightings and odometry over path, landmarks and the errors of both, linearised: the rows of a least-squares problem.
 
-use super::graph::motion_residual;
+use super::equations::motion_residual;
 use crate::error::{Error, Result};
 use crate::geometry::{Matrix3, Pose};
 use crate::math;
@@ -231,8 +231,9 @@ impl Rows {
         }
     }
 
-    /// How the rows change with unknowns and parameters: A x + B p.
-    pub(super) fn times(&self, unknowns: &[f64], parameters: &[f64]) -> Vec<f64> {
+    /// How the rows change with the unknowns, the parameters behind them: J x.
+    pub(super) fn times(&self, unknowns: &[f64]) -> Vec<f64> {
+        let (unknowns, parameters) = unknowns.split_at(self.size().0);
         let border = self.border.chunks_exact(self.parameters);
         let change = |(row, border): (&Row, &[f64])| {
             let first = dot(&row.first, &unknowns[row.at[0]..][..3]);
@@ -242,15 +243,16 @@ impl Rows {
         self.rows.iter().zip(border).map(change).collect()
     }
 
-    /// Aᵀ r and Bᵀ r.
-    pub(super) fn transposed(&self, values: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let (mut unknowns, mut parameters) = (vec![0.0; self.size().0], vec![0.0; self.parameters]);
+    /// Jᵀ r, the parameters behind the unknowns.
+    pub(super) fn transposed(&self, values: &[f64]) -> Vec<f64> {
+        let (unknowns, parameters) = self.size();
+        let mut sums = vec![0.0; unknowns + parameters];
         for ((row, border), value) in self.rows.iter().zip(self.border.chunks_exact(self.parameters)).zip(values) {
-            add_to(&mut unknowns[row.at[0]..][..3], &row.first, *value);
-            add_to(&mut unknowns[row.at[1]..][..row.width], &row.second[..row.width], *value);
-            add_to(&mut parameters, border, *value);
+            add_to(&mut sums[row.at[0]..][..3], &row.first, *value);
+            add_to(&mut sums[row.at[1]..][..row.width], &row.second[..row.width], *value);
+            add_to(&mut sums[unknowns..], border, *value);
         }
-        (unknowns, parameters)
+        sums
     }
 }
 
@@ -259,6 +261,6 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Adds a multiple of a vector.
-pub(super) fn add_to(to: &mut [f64], vector: &[f64], times: f64) {
+fn add_to(to: &mut [f64], vector: &[f64], times: f64) {
     to.iter_mut().zip(vector).for_each(|(to, value)| *to += times * value);
 }
