@@ -341,6 +341,12 @@ class Robot:
             return Trajectory(*self._stream.smoothed())
 
     @property
+    def waits(self) -> int:
+        """How often a step has waited for a draw of paths beside the filter, on this machine."""
+        with self._lock:
+            return self._stream.waits()
+
+    @property
     def counts(self) -> dict[str, int]:
         """Rows refused as `late`, `repeated` or `ahead`, scans `unexplained`, and rows `waiting`."""
         with self._lock:

@@ -46,6 +46,10 @@ pub trait Slam: Send + Sync {
     fn two_places(&self) -> Vec<TwoPlaces>;
     /// What came of the returns to the landmarks of the map.
     fn returns(&self) -> Returns;
+    /// How often a step has waited for a draw of paths beside the filter.
+    fn waits(&self) -> u64 {
+        0
+    }
     /// The state as bytes, from which [`Slam::restore`] goes on to the same bits; `note` is kept in their head.
     fn save(&self, note: &str) -> Result<Vec<u8>>;
     /// Takes over a state that was saved with this configuration; where that is refused, the filter is as it was.

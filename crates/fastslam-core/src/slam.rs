@@ -110,6 +110,9 @@ impl<M: Placing> Slam for FastSlam<M> {
     fn returns(&self) -> Returns {
         FastSlam::returns(self)
     }
+    fn waits(&self) -> u64 {
+        FastSlam::waits(self)
+    }
     fn save(&self, note: &str) -> Result<Vec<u8>> {
         FastSlam::save(self, note)
     }

@@ -7,6 +7,7 @@
 
 mod association;
 mod association_methods;
+mod beside;
 mod blind;
 mod ekf_linear_world;
 mod ekf_textbook;

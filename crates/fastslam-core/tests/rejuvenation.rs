@@ -50,7 +50,7 @@ fn in_a_linear_world_the_draws_are_those_of_the_exact_posterior() {
     }
 }
 
-fn world(
+pub fn world(
     preset: &str,
     seed: u64,
     duration_s: f64,
@@ -233,7 +233,7 @@ fn a_filter_that_was_not_asked_to_does_not_remember() {
 
 /// A field driven around twice with a sensor that looks ahead: the pose is off by more than the landmarks' spacing when
 /// the first ones come back.
-fn two_laps(seed: u64) -> (LogData, Config, SimulatedLog) {
+pub fn two_laps(seed: u64) -> (LogData, Config, SimulatedLog) {
     simulated(&two_laps_simulation(seed))
 }
 

@@ -213,6 +213,11 @@ impl Stream {
         path_to_arrays(py, &path)
     }
 
+    /// How often a step has waited for a draw of paths beside the filter.
+    fn waits(&self, py: Python<'_>) -> PyResult<u64> {
+        self.locked(py, |stream| stream.filter().waits())
+    }
+
     /// Numbers of rows that were refused, by reason, and of those that wait.
     fn counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let (refused, waiting) = self.locked(py, |stream| (stream.refused(), stream.waiting()))?;

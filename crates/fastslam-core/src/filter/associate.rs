@@ -9,11 +9,11 @@ use super::existence::add_detection_odds;
 use super::extent::Extent;
 use super::landmarks::Landmarks;
 use super::propose::propose;
-use super::rejuvenation::{merged_by_draw, rejuvenate_by_need};
+use super::rejuvenation::{draw_in_place, draws_in_place, leave_draw};
 use super::setup::{Settings, Setup};
 use super::state::State;
 use super::weigh::clear_log_likelihood;
-use super::work::{Associating, Work};
+use super::work::{Associating, Moment, Work};
 use super::StepInfo;
 use crate::association::{
     decide, decide_assignment, decide_joint, decide_sampled, fast, CandidateTable, Candidates, Decision, FitTable,
@@ -44,11 +44,14 @@ pub(super) fn associate<M: Placing>(
     find_candidates(setup, state, work, scan);
     let mut doubts = doubts::about(setup, state, &work.associating.table);
     if doubts::ask_for_draw(setup, state, &doubts) {
-        info.sampling.rejuvenated |= rejuvenate_by_need(setup, state, work);
-        info.changes.merged += merged_by_draw(state);
-        propose(setup, state, &mut work.beliefs);
-        find_candidates(setup, state, work, scan);
-        doubts = doubts::about(setup, state, &work.associating.table);
+        if draws_in_place(state) {
+            draw_in_place(setup, state, work, info);
+            propose(setup, state, &mut work.beliefs);
+            find_candidates(setup, state, work, scan);
+            doubts = doubts::about(setup, state, &work.associating.table);
+        } else {
+            leave_draw(state, work, Moment::BeforeScan);
+        }
     }
     doubts::strike_out(&doubts, &work.beliefs, &mut work.associating.table);
     set_doubtful_aside(state, &mut work.associating);

@@ -13,7 +13,7 @@ use super::beliefs::Beliefs;
 use super::need::Need;
 use super::settings::Algorithm;
 use super::setup::Setup;
-use super::state::{Maps, Rejuvenation, State};
+use super::state::{Drawing, Maps, Rejuvenation, State};
 use crate::association::{area_m2, disagreement_m2, CandidateTable, ScanSighting, GATE};
 use crate::geometry::Pose;
 use crate::landmark::Planar;
@@ -44,7 +44,8 @@ pub(super) fn about<M: Placing>(setup: &Setup<M>, state: &mut State, table: &Can
 /// Whether a draw is needed first, since the particles go back to one at the half of the way since some of these
 /// landmarks were seen, and to one at the last draw.
 pub(super) fn ask_for_draw<M>(setup: &Setup<M>, state: &State, doubts: &[Doubt]) -> bool {
-    let Some(rejuvenation) = &state.rejuvenation else { return false };
+    let at_it = |rejuvenation: &&Rejuvenation| rejuvenation.drawing == Drawing::UnderWay;
+    let Some(rejuvenation) = state.rejuvenation.as_ref().filter(|r| !at_it(r)) else { return false };
     let Some(need) = rejuvenation.need.as_ref().filter(|need| need.is_affordable()) else { return false };
     let Some(longest) = doubts.iter().map(|doubt| doubt.ago).max() else { return false };
     setup.settings.config.algorithm == Algorithm::Fastslam2

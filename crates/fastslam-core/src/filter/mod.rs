@@ -8,9 +8,11 @@ mod appearance;
 mod associate;
 mod beginning;
 mod beliefs;
+mod beside;
 mod correct;
 mod doubtful;
 mod doubts;
+mod engine;
 mod estimate;
 mod examine;
 mod existence;
@@ -52,7 +54,6 @@ pub use given::GivenUse;
 pub use particles::{mixture, Particles, PoseEstimate};
 pub(crate) use usable::usable;
 
-use crate::association::ScanSighting;
 use crate::config::Config;
 use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::Result;
@@ -62,11 +63,13 @@ use crate::measurement::{Placing, RangeBearing};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::path::PathForest;
 use crate::store::StoreUsage;
+use beside::Beside;
+use engine::Engine;
 use landmarks::Landmarks;
-use rounds::Rounds;
+use rounds::Progress;
 use setup::{Settings, Setup};
 use state::State;
-use work::Work;
+use std::sync::Arc;
 
 /// FastSLAM 1.0 and 2.0.
 ///
@@ -80,14 +83,10 @@ use work::Work;
 /// # Ok::<(), fastslam_core::error::Error>(())
 /// ```
 ///
-/// `state` is what a later step needs of the earlier ones, and nothing else; `work` and `rounds` are memory that is kept,
-/// and what they hold counts for nothing once a step is done.
+/// Where it is so configured (`filter.rejuvenation.delay_scans`), paths are drawn on a thread beside it.
 pub struct FastSlam<M = RangeBearing> {
-    setup: Setup<M>,
-    state: State,
-    work: Work,
-    /// The sightings of a step, each identity once in each.
-    rounds: Vec<Vec<ScanSighting>>,
+    engine: Engine<M>,
+    beside: Beside<M>,
 }
 
 impl FastSlam {
@@ -101,11 +100,12 @@ impl FastSlam {
     }
 }
 
-impl<M: Clone> Clone for FastSlam<M> {
-    /// An independent filter in the same state, which goes on to the same bits.
+impl<M: Placing> Clone for FastSlam<M> {
+    /// An independent filter in the same state, which goes on to the same bits. Waits for a draw under way.
     fn clone(&self) -> Self {
-        let work = Work::new(&self.setup.workers);
-        Self { setup: self.setup.clone(), state: self.state.clone(), work, rounds: Vec::new() }
+        let (mut engine, (gains, kept)) = (self.engine.clone(), self.beside.kept());
+        let beside = Beside::restored(&mut engine, gains, kept);
+        Self { engine, beside }
     }
 }
 
@@ -117,13 +117,13 @@ impl<M: Placing> FastSlam<M> {
         let Settings { config, identities, gate_radius, .. } = &setup.settings;
         let mut landmarks = Landmarks::new(config, *identities, setup.cell_m(), *gate_radius);
         landmarks.set_workers(&setup.workers);
-        let (state, work) = (State::new(config, landmarks), Work::new(&setup.workers));
-        Ok(Self { setup, state, work, rounds: Vec::new() })
+        let state = State::new(config, landmarks);
+        Ok(Self { engine: Engine::new(&Arc::new(setup), state), beside: Beside::default() })
     }
 
     /// The configuration in force.
     pub fn config(&self) -> &Config {
-        &self.setup.settings.config
+        &self.engine.setup.settings.config
     }
 
     /// Starts in a given map, at a given pose: before anything else.
@@ -133,7 +133,7 @@ impl<M: Placing> FastSlam<M> {
     /// **Errors:** [`Error::Parameter`](crate::error::Error::Parameter) for a landmark or a start that makes no sense,
     /// [`Error::Input`](crate::error::Error::Input) when the filter has begun.
     pub fn begin(&mut self, beginning: &Beginning) -> Result<()> {
-        beginning::begin(&self.setup, &mut self.state, beginning)
+        beginning::begin(&self.engine.setup, &mut self.engine.state, beginning)
     }
 
     /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`: a whole row.
@@ -148,7 +148,9 @@ impl<M: Placing> FastSlam<M> {
     /// **Errors:** [`Error::Input`](crate::error::Error::Input) for a control that no robot could follow; the filter is
     /// then as it was.
     pub fn advance(&mut self, part: &RowPart) -> Result<()> {
-        propose::advance(&self.setup, &mut self.state, part)
+        self.engine.advance(part)?;
+        self.beside.moved(part);
+        Ok(())
     }
 
     /// Processes all sightings of one stamp (there may be none).
@@ -159,12 +161,10 @@ impl<M: Placing> FastSlam<M> {
     /// is then as it was before the scan, and can go on. Only after numbers that are none from a measurement model of
     /// one's own all particles count the same, and landmarks at no place that can be computed with are gone.
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
-        let Self { setup, state, work, rounds } = self;
-        setup.settings.config.association.check_classes(sightings)?;
-        let mut info = StepInfo { step: state.counters.steps, ..StepInfo::default() };
-        let used = rounds::fill_rounds(setup, rounds, sightings, &mut info.left_out.skipped);
-        let scan = Rounds { stamp_s, rounds: &mut rounds[..used] };
-        ordinary::take_in(setup, state, work, scan, &mut info)?;
+        let Self { engine, beside } = self;
+        beside.take_over_when_due(engine);
+        let mut info = engine.update((stamp_s, sightings), Progress::New)?;
+        beside.scanned(engine, (stamp_s, sightings), &mut info);
         Ok(info)
     }
 
@@ -172,14 +172,23 @@ impl<M: Placing> FastSlam<M> {
     ///
     /// Returns false, and leaves everything as it is, when the filter was not configured for it
     /// (`filter.rejuvenation`), when nothing happened since the last time, or when no finite solution was
-    /// found.
+    /// found. A draw under way is taken over first.
     pub fn rejuvenate(&mut self) -> bool {
-        rejuvenation::rejuvenate(&self.setup, &mut self.state, &mut self.work)
+        let Self { engine, beside } = self;
+        let has_changed = beside.take_over(engine);
+        rejuvenation::rejuvenate(&engine.setup, &mut engine.state, &mut engine.work) || has_changed
     }
 
-    /// The state as bytes, from which [`FastSlam::restore`] goes on to the same bits; `note` is kept in its head.
+    /// How often a step has waited for a draw that is done beside the filter. It depends on the machine, and changes no
+    /// result.
+    pub fn waits(&self) -> u64 {
+        self.beside.waits()
+    }
+
+    /// The state as bytes, from which [`FastSlam::restore`] goes on to the same bits; `note` is kept in its head. Waits for
+    /// a draw under way.
     pub fn save(&self, note: &str) -> Result<Vec<u8>> {
-        snapshot::save(&self.setup.settings, &self.state, note)
+        snapshot::save(&self.engine, self.beside.kept(), note)
     }
 
     /// Takes over a state that was saved by a filter of this configuration and measurement model.
@@ -187,89 +196,89 @@ impl<M: Placing> FastSlam<M> {
     /// **Errors:** [`Error::Input`](crate::error::Error::Input) when the bytes are no snapshot, of another format,
     /// damaged, or of another configuration; the filter is then as it was.
     pub fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
-        self.state = snapshot::restored(&self.setup, snapshot)?;
+        (self.engine, self.beside) = snapshot::restored(&self.engine.setup, snapshot)?;
         Ok(())
     }
 
     /// What the innovations of the whole run say of the configured noise.
     pub fn noise_report(&self) -> NoiseReport {
-        self.state.diagnosis.watch.noise.of_run()
+        self.engine.state.diagnosis.watch.noise.of_run()
     }
 
     /// Names that were seen at two places.
     pub fn two_places(&self) -> Vec<TwoPlaces> {
-        self.state.diagnosis.watch.names.two_places()
+        self.engine.state.diagnosis.watch.names.two_places()
     }
 
     /// What came of the returns to the landmarks of the best particle's map that are no clutter.
     pub fn returns(&self) -> Returns {
-        examine::returns(&self.state)
+        examine::returns(&self.engine.state)
     }
 
     /// What the best particle took the usable sightings of the last scan for.
     pub fn seen(&self) -> &[Seen] {
-        &self.work.seen
+        &self.engine.work.seen
     }
 
     /// Mean and covariance of the pose, motion since the last sampling included.
     pub fn pose(&self) -> PoseEstimate {
-        self.state.estimate
+        self.engine.state.estimate
     }
 
     /// The pose now, with the motion since the last update.
     pub fn predicted_pose(&mut self) -> PoseEstimate {
-        propose::propose(&self.setup, &self.state, &mut self.work.beliefs);
-        estimate::estimate_beliefs(&mut self.state, &self.work.beliefs);
-        self.state.estimate
+        propose::propose(&self.engine.setup, &self.engine.state, &mut self.engine.work.beliefs);
+        estimate::estimate_beliefs(&mut self.engine.state, &self.engine.work.beliefs);
+        self.engine.state.estimate
     }
 
     /// The particles. In FastSLAM 2.0 their poses are those at the last sighting.
     pub fn particles(&self) -> &Particles {
-        &self.state.particles
+        &self.engine.state.particles
     }
 
     /// Normalised weights of the particles.
     pub fn weights(&self) -> &[f64] {
-        &self.state.weights.values
+        &self.engine.state.weights.values
     }
 
     /// Motion since the poses were last sampled (zero in FastSLAM 1.0).
     pub fn pending_motion(&self) -> MotionGaussian {
-        self.state.motions.pending
+        self.engine.state.motions.pending
     }
 
     /// Where the path begins.
     pub fn start(&self) -> Pose {
-        self.state.start(self.config())
+        self.engine.state.start(self.config())
     }
 
     /// The paths of the particles.
     pub fn path(&self) -> &PathForest {
-        &self.state.path
+        &self.engine.state.path
     }
 
     /// The smoothed path of the particle that explains the log best: stamps and `T_world_robot`.
     pub fn best_path(&self) -> Vec<(f64, Pose)> {
-        self.state.path.path(self.state.particles.best())
+        self.engine.state.path.path(self.engine.state.particles.best())
     }
 
     /// The given landmarks, by birth.
     pub fn given(&self) -> &[GivenLandmark] {
-        &self.state.given.landmarks
+        &self.engine.state.given.landmarks
     }
 
     /// The map: the landmarks that the best particle holds, each as the mixture over all particles that hold it.
     pub fn map(&mut self) -> MapEstimate {
-        estimate::estimate_map(&self.setup.settings, &mut self.state)
+        estimate::estimate_map(&self.engine.setup.settings, &mut self.engine.state)
     }
 
     /// The landmarks of one particle's own map: slot birth, mean and covariance.
     pub fn map_of(&self, particle: usize) -> Vec<(u64, [f64; 2], Symmetric2)> {
-        estimate::map_of(&self.state.landmarks, particle)
+        estimate::map_of(&self.engine.state.landmarks, particle)
     }
 
     /// What the maps occupy.
     pub fn store_usage(&self) -> StoreUsage {
-        self.state.landmarks.usage()
+        self.engine.state.landmarks.usage()
     }
 }

@@ -2,6 +2,7 @@
 //! work. `doubts.rs` decides.
 
 use crate::geometry::{Pose, Symmetric2};
+use crate::motion::MotionGaussian;
 use crate::smoothing::{Drift, History, Trajectory};
 use serde::{Deserialize, Serialize};
 
@@ -51,9 +52,9 @@ impl Need {
         }
     }
 
-    /// Adds the step that the history has got.
-    pub fn step_done(&mut self, history: &History, after: Pose) {
-        self.drift.extend(history, after);
+    /// Adds a step with a motion that led here.
+    pub fn step_done(&mut self, motion: &MotionGaussian, after: Pose) {
+        self.drift.extend(motion, after);
     }
 
     /// A landmark was sighted in the step at hand.
@@ -73,7 +74,7 @@ impl Need {
     /// A draw was done: after so much work it merged so many landmarks; the path is this.
     pub fn drawn(&mut self, work: f64, merges: &[[u32; 2]], (history, path): (&History, &Trajectory)) {
         self.drift = Drift::new(path.start);
-        path.poses.iter().for_each(|pose| self.drift.extend(history, *pose));
+        path.poses.iter().enumerate().for_each(|(step, pose)| self.drift.extend(history.motion(step), *pose));
         for [younger, older] in merges.iter().map(|pair| pair.map(|birth| birth as usize)) {
             if younger.max(older) < self.last_seen.len() {
                 self.last_seen[older] = self.last_seen[older].max(self.last_seen[younger]);
@@ -156,9 +157,7 @@ mod tests {
     #[test]
     fn after_a_draw_that_would_have_cost_too_much_none_is_asked_for_until_it_can_be_paid() {
         let mut need = Need { suspects: MANY_SUSPECTS, ..after_a_draw(0.0) };
-        let mut history = History::new(100);
-        history.step_done();
-        need.step_done(&history, Pose::default());
+        need.step_done(&MotionGaussian::default(), Pose::default());
         assert!(need.asks() && need.is_affordable_for_sure());
         need.refused(100.0 * need.work_of_filter);
         assert!(!need.asks() && !need.is_affordable_for_sure());

@@ -14,8 +14,9 @@ use super::merging::Unions;
 use super::need::{Need, Returns};
 use super::propose::propose;
 use super::setup::Setup;
-use super::state::{Rejuvenation, State};
-use super::work::Work;
+use super::state::{Drawing, Rejuvenation, State};
+use super::work::{Asked, Moment, Work};
+use super::StepInfo;
 use crate::association::Identities;
 use crate::diagnosis::names::IMPLAUSIBLE;
 use crate::gaussian::{Gaussian, GaussianOf};
@@ -47,9 +48,9 @@ pub(super) fn remember_start(state: &mut State, mean: Pose, spread: &MotionGauss
 pub(super) fn remember_step(state: &mut State) {
     let best = state.particles.best();
     if let Some(rejuvenation) = &mut state.rejuvenation {
-        rejuvenation.history.step_done();
+        let motion = rejuvenation.history.step_done();
         if let Some(need) = &mut rejuvenation.need {
-            need.step_done(&rejuvenation.history, state.particles.pose(best));
+            need.step_done(&motion, state.particles.pose(best));
         }
     }
 }
@@ -58,6 +59,9 @@ pub(super) fn remember_step(state: &mut State) {
 pub(super) fn rejuvenation_is_due<M>(setup: &Setup<M>, state: &State) -> bool {
     let settings = &setup.settings.config.filter.rejuvenation;
     state.rejuvenation.as_ref().is_some_and(|r| {
+        if r.drawing == Drawing::UnderWay {
+            return false;
+        }
         if let Some(need) = &r.need {
             return need.asks() || r.returns.ask(need);
         }
@@ -66,9 +70,39 @@ pub(super) fn rejuvenation_is_due<M>(setup: &Setup<M>, state: &State) -> bool {
     })
 }
 
-/// Landmarks that went over into others when all was drawn anew the last time.
-pub(super) fn merged_by_draw(state: &State) -> u32 {
-    state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged)
+/// Whether a step that needs a draw does it itself.
+pub(super) fn draws_in_place(state: &State) -> bool {
+    state.rejuvenation.as_ref().is_some_and(|rejuvenation| rejuvenation.drawing == Drawing::InPlace)
+}
+
+/// Does the draw that a step needs.
+pub(super) fn draw_in_place<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, info: &mut StepInfo) {
+    work.draws.begin();
+    info.sampling.rejuvenated |= rejuvenate_by_need(setup, state, work);
+    info.changes.merged += state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged);
+}
+
+/// Leaves the draw that a step needs to a filter beside this one.
+pub(super) fn leave_draw(state: &mut State, work: &mut Work, moment: Moment) {
+    work.asked = hand_over(state).map(|state| Box::new(Asked { state, moment }));
+}
+
+/// The state with all its past, for a filter that draws in place; what is left goes on without the past.
+fn hand_over(state: &mut State) -> Option<State> {
+    let history = state.rejuvenation.as_mut()?.history.hand_over();
+    let mut whole = state.clone();
+    let (ours, theirs) = (state.rejuvenation.as_mut()?, whole.rejuvenation.as_mut()?);
+    (theirs.history, theirs.drawing, ours.drawing) = (history, Drawing::InPlace, Drawing::UnderWay);
+    Some(whole)
+}
+
+/// Takes the past back after a step that failed.
+pub(super) fn take_back(state: &mut State, asked: Asked) {
+    if let (Some(ours), Some(theirs)) = (&mut state.rejuvenation, asked.state.rejuvenation) {
+        if ours.drawing == Drawing::UnderWay {
+            (ours.history, ours.drawing) = (theirs.history, Drawing::Beside);
+        }
+    }
 }
 
 /// Draws all particles anew from the posterior over paths and maps, given the best particle's associations, whatever it
@@ -81,7 +115,7 @@ pub(super) fn rejuvenate<M: Placing>(setup: &Setup<M>, state: &mut State, work: 
 }
 
 /// The same between two steps: not where paths are drawn by need and this draw would take too much.
-pub(super) fn rejuvenate_by_need<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work) -> bool {
+fn rejuvenate_by_need<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work) -> bool {
     let need = state.rejuvenation.as_ref().and_then(|rejuvenation| rejuvenation.need.as_ref());
     let effort = need.map_or(Effort::any(), |need| Effort::up_to(need.most_work()));
     rejuvenate_within(setup, state, work, &effort)

@@ -3,7 +3,7 @@
 use super::estimate::estimate_beliefs;
 use super::names::doubt_names;
 use super::propose::{keeps_motion_pending, propose};
-use super::rejuvenation::{merged_by_draw, rejuvenate_by_need, rejuvenation_is_due, remember_step};
+use super::rejuvenation::{draw_in_place, draws_in_place, leave_draw, rejuvenation_is_due, remember_step};
 use super::remember::see_named;
 use super::returns::note_returns;
 use super::settings::Algorithm;
@@ -12,7 +12,7 @@ use super::state::State;
 use super::step::{step, step_fused};
 use super::usable::usable;
 use super::weigh::normalize;
-use super::work::Work;
+use super::work::{Moment, Work};
 use super::StepInfo;
 use crate::association::{Identities, ScanSighting};
 use crate::diagnosis::health::Vitals;
@@ -27,6 +27,17 @@ use crate::step_info::NoiseInWindow;
 pub(super) struct Rounds<'a> {
     pub stamp_s: f64,
     pub rounds: &'a mut [Vec<ScanSighting>],
+    /// How far the scan has been taken in.
+    pub progress: Progress,
+}
+
+/// How far a scan has been taken in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Progress {
+    /// Not at all.
+    New,
+    /// The watch knows of it.
+    Begun,
 }
 
 /// Parts the usable sightings into scans that see each identity once at most; returns how many there are, one at least.
@@ -63,7 +74,7 @@ pub(super) fn process_rounds<M: Placing>(
     setup: &Setup<M>,
     state: &mut State,
     work: &mut Work,
-    Rounds { stamp_s, rounds }: Rounds<'_>,
+    Rounds { stamp_s, rounds, progress }: Rounds<'_>,
     info: &mut StepInfo,
 ) -> Result<()> {
     let names_known = setup.settings.identities == Identities::All;
@@ -73,7 +84,9 @@ pub(super) fn process_rounds<M: Placing>(
         note_returns(setup, state, rounds);
     }
     info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
-    state.diagnosis.watch.begin(stamp_s, info.sightings);
+    if progress == Progress::New {
+        state.diagnosis.watch.begin(stamp_s, info.sightings);
+    }
     let births_before = state.landmarks.births();
     // The names of a whole round may have been doubted.
     info.sampling.sampled = !rounds.iter().all(|round| keeps_motion_pending(setup, state, round));
@@ -85,14 +98,17 @@ pub(super) fn process_rounds<M: Placing>(
         let particles = &state.particles;
         state.path.extend(stamp_s, &setup.workers, |i| particles.pose(i));
         remember_step(state);
-        if rejuvenation_is_due(setup, state) {
-            info.sampling.rejuvenated |= rejuvenate_by_need(setup, state, work);
-            info.changes.merged += merged_by_draw(state);
-        }
+    }
+    let is_due = info.sampling.sampled && rejuvenation_is_due(setup, state);
+    if is_due && draws_in_place(state) {
+        draw_in_place(setup, state, work, info);
     }
     info.landmarks = state.particles.landmarks[state.particles.best()];
     judge_health(setup, state, work, Before { stamp_s, births: births_before }, info);
     state.counters.steps += 1;
+    if is_due && !draws_in_place(state) {
+        leave_draw(state, work, Moment::AfterScan);
+    }
     Ok(())
 }
 

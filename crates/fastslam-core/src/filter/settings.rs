@@ -6,6 +6,9 @@ use crate::store::StoreKind;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+/// Scans that may pass before a draw is taken over: all of them wait in memory.
+const MOST_DELAY_SCANS: u32 = 10_000;
+
 /// The algorithms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -115,11 +118,15 @@ pub struct RejuvenationConfig {
     pub closing_odds: f64,
     /// Draw only the poses of this many latest steps and hold the older ones; the whole path without it.
     pub window_steps: Option<u32>,
+    /// Do draws between two steps beside the filter, and take over what comes of one so many scans later; with 0 the step
+    /// that asks for a draw does it. The map and the smoothed path are the same; until then the live estimate does not know
+    /// of the draw, and no step takes longer for it.
+    pub delay_scans: u32,
 }
 
 impl Default for RejuvenationConfig {
     fn default() -> Self {
-        Self { every_steps: None, growth: 0.05, spread: 1.0, closing_odds: 1000.0, window_steps: None }
+        Self { every_steps: None, growth: 0.05, spread: 1.0, closing_odds: 1000.0, window_steps: None, delay_scans: 0 }
     }
 }
 
@@ -160,6 +167,10 @@ impl FilterConfig {
         }
         if self.rejuvenation.window_steps == Some(0) {
             return Err(Error::parameter("rejuvenation.window_steps", 0, "at least 1"));
+        }
+        if self.rejuvenation.delay_scans > MOST_DELAY_SCANS {
+            let most = format!("0 to {MOST_DELAY_SCANS}");
+            return Err(Error::parameter("rejuvenation.delay_scans", self.rejuvenation.delay_scans, most));
         }
         positive("path_period_s", self.path_period_s)?;
         self.adaptive.validate().map_err(|e| e.within("adaptive"))

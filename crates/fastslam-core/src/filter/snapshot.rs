@@ -1,51 +1,100 @@
 //! The filter's state as bytes.
 
+use super::beside::{Beside, Course, Gains, Kept};
+use super::engine::Engine;
 use super::fading::Fading;
 use super::given::Given;
 use super::need::Returns;
-use super::setup::{Settings, Setup};
-use super::state::State;
+use super::setup::Setup;
+use super::state::{Drawing, State};
 use crate::diagnosis::misfits::Lately;
 use crate::error::Result;
-use crate::snapshot::{content, open, seal, Head, Holds, FADING, GIVEN_MAPS, RETURNS};
+use crate::measurement::Placing;
+use crate::snapshot::{content, open, seal, Head, Holds, BESIDE, FADING, GIVEN_MAPS, RETURNS};
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
-/// What a snapshot of the present format holds.
-type Content = (State, Given, Option<Fading>, (Option<Returns>, Lately));
+/// A state with what older formats did not have, behind it.
+#[derive(Deserialize)]
+struct Whole(State, Given, Option<Fading>, (Option<Returns>, Lately));
 
-/// The state as bytes, with a note in their head.
-pub(super) fn save(settings: &Settings, state: &State, note: &str) -> Result<Vec<u8>> {
-    let head = Head::new(&settings.config, settings.identities, note)?;
-    let lately = &state.diagnosis.watch.names.lately;
-    let returns = state.rejuvenation.as_ref().map(|rejuvenation| &rejuvenation.returns);
-    seal(&head, &(state, &state.given, &state.landmarks.fading, (returns, lately)))
+/// The same, to be written.
+#[derive(Serialize)]
+struct WholeRef<'a>(&'a State, &'a Given, &'a Option<Fading>, (Option<&'a Returns>, &'a Lately));
+
+impl<'a> WholeRef<'a> {
+    fn of(state: &'a State) -> Self {
+        let returns = state.rejuvenation.as_ref().map(|rejuvenation| &rejuvenation.returns);
+        let lately = &state.diagnosis.watch.names.lately;
+        Self(state, &state.given, &state.landmarks.fading, (returns, lately))
+    }
 }
 
-/// A state that was saved by a filter of this configuration.
-pub(super) fn restored<M>(setup: &Setup<M>, snapshot: &[u8]) -> Result<State> {
+/// A draw under way: how far it has come, what it has gained, draws that it has begun, and the follower.
+#[derive(Deserialize)]
+struct Draw(Course, Gains, u32, Whole);
+
+/// The state as bytes, and that of what goes on beside it, with a note in their head.
+pub(super) fn save<M>(engine: &Engine<M>, (gains, draw): (Gains, Option<Kept>), note: &str) -> Result<Vec<u8>> {
+    let settings = &engine.setup.settings;
+    let head = Head::new(&settings.config, settings.identities, note)?;
+    let draw = draw.as_ref().map(|kept| (kept.course, kept.gains, kept.begun, WholeRef::of(&kept.state)));
+    seal(&head, &(WholeRef::of(&engine.state), gains, draw))
+}
+
+/// A filter in a state that was saved by one of this configuration.
+pub(super) fn restored<M: Placing>(setup: &Arc<Setup<M>>, snapshot: &[u8]) -> Result<(Engine<M>, Beside<M>)> {
     let (head, stored) = open(snapshot, Holds::Filter)?;
-    head.check(&setup.settings.config, setup.settings.identities)?;
+    let settings = &setup.settings;
+    head.check(&settings.config, settings.identities)?;
     // What a state begins with that knows nothing of fading.
-    let unfaded = || Fading::of(&setup.settings.config, setup.settings.identities);
-    let (mut state, fading) = match stored.format {
-        0..GIVEN_MAPS => (content(&stored)?, unfaded()),
+    let unfaded = || Fading::of(&settings.config, settings.identities);
+    let mut beside = (Gains::default(), None);
+    let state = match stored.format {
+        0..GIVEN_MAPS => with_fading(content(&stored)?, unfaded()),
         GIVEN_MAPS..FADING => {
             let (state, given): (State, Given) = content(&stored)?;
-            (State { given, ..state }, unfaded())
+            with_fading(State { given, ..state }, unfaded())
         }
         FADING..RETURNS => {
             let (state, given, fading): (State, Given, Option<Fading>) = content(&stored)?;
-            (State { given, ..state }, fading)
+            with_fading(State { given, ..state }, fading)
         }
+        RETURNS..BESIDE => content::<Whole>(&stored)?.state(),
         _ => {
-            let (mut state, given, fading, (returns, lately)): Content = content(&stored)?;
-            state.diagnosis.watch.names.lately = lately;
-            if let Some((rejuvenation, returns)) = state.rejuvenation.as_mut().zip(returns) {
-                rejuvenation.returns = returns;
-            }
-            (State { given, ..state }, fading)
+            let (whole, gains, draw): (Whole, Gains, Option<Draw>) = content(&stored)?;
+            let kept = |Draw(course, gains, begun, whole)| {
+                let state = ready(setup, whole.state(), Drawing::InPlace);
+                Kept { course, gains, begun, state }
+            };
+            beside = (gains, draw.map(kept));
+            whole.state()
         }
     };
+    let mut engine = Engine::new(setup, ready(setup, state, Drawing::of(&settings.config)));
+    let beside = Beside::restored(&mut engine, beside.0, beside.1);
+    Ok((engine, beside))
+}
+
+impl Whole {
+    fn state(self) -> State {
+        let Self(mut state, given, fading, (returns, lately)) = self;
+        state.diagnosis.watch.names.lately = lately;
+        if let Some((rejuvenation, returns)) = state.rejuvenation.as_mut().zip(returns) {
+            rejuvenation.returns = returns;
+        }
+        with_fading(State { given, ..state }, fading)
+    }
+}
+
+fn with_fading(mut state: State, fading: Option<Fading>) -> State {
     state.landmarks.fading = fading;
+    state
+}
+
+/// A state with what a snapshot does not hold since it follows from the configuration.
+fn ready<M>(setup: &Setup<M>, mut state: State, drawing: Drawing) -> State {
     state.landmarks.set_workers(&setup.workers);
-    Ok(state)
+    state.rejuvenation.iter_mut().for_each(|rejuvenation| rejuvenation.drawing = drawing);
+    state
 }

@@ -88,6 +88,31 @@ pub(super) struct Rejuvenation {
     /// What names say of drift; behind the others in a snapshot, which older formats did not have.
     #[serde(skip)]
     pub returns: Returns,
+    /// Follows from the configuration, and from whether a draw is under way.
+    #[serde(skip)]
+    pub drawing: Drawing,
+}
+
+/// Who draws between two steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Drawing {
+    /// The step that asks for it.
+    #[default]
+    InPlace,
+    /// A filter beside this one, to which the step hands the past over.
+    Beside,
+    /// Nobody: that filter is at it.
+    UnderWay,
+}
+
+impl Drawing {
+    /// As it is configured.
+    pub fn of(config: &Config) -> Self {
+        match config.filter.rejuvenation.delay_scans {
+            0 => Self::InPlace,
+            _ => Self::Beside,
+        }
+    }
 }
 
 impl Rejuvenation {
@@ -99,7 +124,8 @@ impl Rejuvenation {
             None => true,
         };
         let need = by_need.then(|| Need::new(config.initial_pose.T_world_robot()));
-        Some(Self { history: History::new(config.filter.particles as usize), need, ..Self::default() })
+        let (history, drawing) = (History::new(config.filter.particles as usize), Drawing::of(config));
+        Some(Self { history, need, drawing, ..Self::default() })
     }
 }
 

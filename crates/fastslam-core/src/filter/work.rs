@@ -2,6 +2,7 @@
 
 use super::beliefs::Beliefs;
 use super::fading::Look;
+use super::state::State;
 use crate::association::{fast, CandidateTable, Decision, FitTable, ScanSighting, Scratch};
 use crate::diagnosis::innovations::PredictedScan;
 use crate::diagnosis::looks::MapInView;
@@ -9,6 +10,7 @@ use crate::landmark::{Gaussian, Measured, SensorPoses};
 use crate::resampling::Resampler;
 use crate::sighting::Seen;
 use crate::workers::{PerThread, Workers};
+use std::sync::mpsc::Sender;
 
 /// What the stages of a step hand to each other, kept for its memory.
 #[derive(Default)]
@@ -28,6 +30,54 @@ pub(super) struct Work {
     /// Landmarks of the map that the scan should have shown, where that was looked at.
     pub map_in_view: Option<MapInView>,
     pub judging: Judging,
+    /// The draw that the step has left to a filter beside this one.
+    pub asked: Option<Box<Asked>>,
+    pub draws: DrawsBegun,
+}
+
+/// Draws between two steps that were begun, which somebody on another thread may want to hear of.
+#[derive(Default)]
+pub(super) struct DrawsBegun {
+    pub count: u32,
+    pub hear: Option<Sender<Heard>>,
+}
+
+impl DrawsBegun {
+    /// One more begins.
+    pub fn begin(&mut self) {
+        self.count += 1;
+        self.tell(Heard::Begun);
+    }
+
+    /// Tells it to whoever still hears.
+    pub fn tell(&self, what: Heard) {
+        self.hear.iter().for_each(|hear| hear.send(what).unwrap_or_default());
+    }
+}
+
+/// What is heard of a filter on another thread.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Heard {
+    /// A draw begins.
+    Begun,
+    /// A call is done.
+    Done,
+}
+
+/// A draw that is done beside the filter.
+pub(super) struct Asked {
+    /// With the past, which the filter has no more.
+    pub state: State,
+    pub moment: Moment,
+}
+
+/// When a step finds that it needs a draw.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Moment {
+    /// Before it decides about the scan.
+    BeforeScan,
+    /// After all.
+    AfterScan,
 }
 
 /// What deciding about a scan needs.

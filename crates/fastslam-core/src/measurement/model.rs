@@ -72,7 +72,7 @@ pub trait Births<const Z: usize, const D: usize>: MeasurementModel<Z, D> {
 /// A model in the plane of which one sighting places a landmark: what the filter of most sensors asks.
 ///
 /// [`crate::testing::check_placing_model`] is its conformance suite.
-pub trait Placing: MeasurementModel<2, 2> {
+pub trait Placing: MeasurementModel<2, 2> + 'static {
     /// g⁻¹: where the landmark is.
     fn inverse<R: Real>(&self, T_world_sensor: Pose<R>, measured: [R; 2]) -> [R; 2];
 

@@ -53,6 +53,8 @@ pub struct RunOutput {
     pub returns: Returns,
     /// What the maps occupy at the end.
     pub usage: StoreUsage,
+    /// How often a step has waited for a draw of paths beside the filter: it depends on the machine.
+    pub waits: u64,
     /// Computing time of all steps, seconds.
     pub filter_seconds: f64,
     /// Whether the observer ended the run early.
@@ -189,6 +191,7 @@ impl RunOutput {
         let filter = stream.filter();
         let (map, usage) = (filter.map(), filter.usage());
         let (noise, two_places, returns) = (filter.noise_report(), filter.two_places(), filter.returns());
+        let waits = filter.waits();
         Self {
             filter_seconds: steps.iter().map(|s| s.latency_s).sum::<f64>(),
             steps,
@@ -200,6 +203,7 @@ impl RunOutput {
             two_places,
             returns,
             usage,
+            waits,
             interrupted: false,
         }
     }

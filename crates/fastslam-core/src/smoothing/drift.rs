@@ -5,9 +5,9 @@
 //! two steps as a difference. To first order, and without what sightings know: an upper bound of what the robot's belief
 //! about an old landmark has lost since it saw it last.
 
-use super::history::History;
 use crate::geometry::{Pose, Symmetric2};
 use crate::math;
+use crate::motion::MotionGaussian;
 use serde::{Deserialize, Serialize};
 
 /// Sums over all steps before one, about the first pose.
@@ -42,10 +42,9 @@ impl Drift {
         self.sums.len() - 1
     }
 
-    /// Adds the next step of the history, which led here.
-    pub fn extend(&mut self, history: &History, after: Pose) {
+    /// Adds a step with a motion that led here.
+    pub fn extend(&mut self, MotionGaussian { covariance, .. }: &MotionGaussian, after: Pose) {
         let Some(mut sums) = self.sums.last().copied() else { return };
-        let covariance = history.motion(self.steps()).covariance;
         let (s, c) = math::sin_cos(self.last.heading);
         let body = Symmetric2::new(covariance[0][0], covariance[0][1], covariance[1][1]);
         let world = body.transformed([[c, -s], [s, c]]);
@@ -85,7 +84,6 @@ impl Drift {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motion::MotionGaussian;
     use crate::random::{Purpose, RandomSource};
 
     #[test]
@@ -93,14 +91,11 @@ mod tests {
         let steps = 60_usize;
         let mean = Pose::new(1.0, 0.05, 0.03);
         let covariance = [[4e-4, 1e-4, 0.0], [1e-4, 1e-4, 0.0], [0.0, 0.0, 9e-6]];
-        let mut history = History::new(1);
         let start = Pose::new(3.0, -2.0, 0.4);
         let (mut drift, mut pose) = (Drift::new(start), start);
         for _ in 0..steps {
-            history.moved(&MotionGaussian { mean, covariance });
-            history.step_done();
             pose = pose.compose(mean);
-            drift.extend(&history, pose);
+            drift.extend(&MotionGaussian { mean, covariance }, pose);
         }
         let (since, place) = (20, [10.0, 20.0]);
         // The place as seen from the end of the path, when every motion since errs as told.

@@ -74,9 +74,17 @@ impl History {
         self.pending = self.pending.then(motion);
     }
 
-    /// A pose was added to every path.
-    pub fn step_done(&mut self) {
-        self.motions.push(std::mem::take(&mut self.pending));
+    /// A pose was added to every path; returns the motion that led to it.
+    pub fn step_done(&mut self) -> MotionGaussian {
+        let motion = std::mem::take(&mut self.pending);
+        self.motions.push(motion);
+        motion
+    }
+
+    /// All of it for somebody else; what is left knows the motion since the last step, and nothing before.
+    pub fn hand_over(&mut self) -> Self {
+        let left = Self { pending: self.pending, tips: vec![NONE; self.tips.len()], ..Self::default() };
+        std::mem::replace(self, left)
     }
 
     /// A scan was explained: `choice_of(particle, sighting)` is the birth of a landmark, or [`NO_LANDMARK`].

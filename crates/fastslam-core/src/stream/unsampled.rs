@@ -19,15 +19,15 @@ pub(crate) struct PathStep {
 /// Between two sampled poses the path follows the odometry; what the odometry missed is spread evenly over the time.
 pub(super) fn with_unsampled(path: &[(f64, Pose)], steps: &[PathStep], start: Pose) -> Vec<(f64, Pose)> {
     let mut merged = Vec::with_capacity(steps.len());
-    let mut nodes = path.iter();
+    let mut nodes = path.iter().peekable();
     let mut from = (steps.first().map_or(0.0, |s| s.stamp_s), start);
     let mut gap: Vec<&PathStep> = Vec::new();
     for step in steps {
-        if !step.sampled {
+        // Not by what the step said: a draw beside the filter may have sampled other steps anew.
+        let Some(&node) = nodes.next_if(|node| node.0 == step.stamp_s) else {
             gap.push(step);
             continue;
-        }
-        let Some(&node) = nodes.next() else { break };
+        };
         let missed = from.1.compose(step.motion).inverse().compose(node.1);
         for between in gap.drain(..) {
             let share = (between.stamp_s - from.0) / (node.0 - from.0).max(f64::MIN_POSITIVE);
