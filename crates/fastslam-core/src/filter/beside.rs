@@ -26,6 +26,7 @@ use std::thread::{Builder, JoinHandle};
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Gains {
     rejuvenated: bool,
+    /// Landmarks that went over into others in draws.
     merged: u32,
     /// Log evidence that it has found.
     log_likelihood: f64,
@@ -35,12 +36,8 @@ pub(super) struct Gains {
 
 impl Gains {
     fn of(info: &StepInfo) -> Self {
-        Self {
-            rejuvenated: info.sampling.rejuvenated,
-            merged: info.changes.merged,
-            log_likelihood: info.weighing.log_likelihood,
-            ignored: 0,
-        }
+        let (rejuvenated, log_likelihood) = (info.sampling.rejuvenated, info.weighing.log_likelihood);
+        Self { rejuvenated, log_likelihood, ..Self::default() }
     }
 
     fn add(&mut self, more: &Self) {
@@ -99,6 +96,8 @@ impl<M: Placing> Follower<M> {
                 self.gains.add(&Gains::of(&info));
             }
         }
+        // What was merged between draws the filter has told of.
+        self.gains.merged += std::mem::take(&mut self.engine.work.draws.merged);
         self.engine.work.draws.tell(Heard::Done);
     }
 

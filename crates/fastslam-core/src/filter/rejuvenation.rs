@@ -79,7 +79,9 @@ pub(super) fn draws_in_place(state: &State) -> bool {
 pub(super) fn draw_in_place<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, info: &mut StepInfo) {
     work.draws.begin();
     info.sampling.rejuvenated |= rejuvenate_by_need(setup, state, work);
-    info.changes.merged += state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged);
+    let merged = state.rejuvenation.as_ref().map_or(0, |rejuvenation| rejuvenation.merged);
+    info.changes.merged += merged;
+    work.draws.merged += merged;
 }
 
 /// Leaves the draw that a step needs to a filter beside this one.

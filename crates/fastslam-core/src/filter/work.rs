@@ -39,6 +39,8 @@ pub(super) struct Work {
 #[derive(Default)]
 pub(super) struct DrawsBegun {
     pub count: u32,
+    /// Landmarks that went over into others in them, and that nobody has told of yet.
+    pub merged: u32,
     pub hear: Option<Sender<Heard>>,
 }
 

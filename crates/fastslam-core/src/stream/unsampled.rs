@@ -10,36 +10,38 @@ pub(crate) struct PathStep {
     pub stamp_s: f64,
     /// Motion from the last sampled pose to this step, as the odometry has it.
     pub motion: Pose,
-    /// Whether the path has a pose of this step.
+    /// Whether a pose was sampled in this step.
     pub sampled: bool,
 }
 
 /// Puts poses into the stretches in which FastSLAM 2.0 did not sample any.
 ///
-/// Between two sampled poses the path follows the odometry; what the odometry missed is spread evenly over the time.
+/// Between two sampled poses the path follows the odometry; what the odometry missed is spread evenly over the time. Which
+/// steps have a pose the path says: a draw beside the filter may have sampled others than the steps said.
 pub(super) fn with_unsampled(path: &[(f64, Pose)], steps: &[PathStep], start: Pose) -> Vec<(f64, Pose)> {
     let mut merged = Vec::with_capacity(steps.len());
     let mut nodes = path.iter().peekable();
     let mut from = (steps.first().map_or(0.0, |s| s.stamp_s), start);
-    let mut gap: Vec<&PathStep> = Vec::new();
+    let mut gap: Vec<(f64, Pose)> = Vec::new();
+    // What leads from the last pose of the path to where the motions of the steps begin, where these are two.
+    let mut before: Option<Pose> = None;
     for step in steps {
-        // Not by what the step said: a draw beside the filter may have sampled other steps anew.
+        let motion = before.map_or(step.motion, |before| before.compose(step.motion));
         let Some(&node) = nodes.next_if(|node| node.0 == step.stamp_s) else {
-            gap.push(step);
+            gap.push((step.stamp_s, motion));
+            before = if step.sampled { Some(motion) } else { before };
             continue;
         };
-        let missed = from.1.compose(step.motion).inverse().compose(node.1);
-        for between in gap.drain(..) {
-            let share = (between.stamp_s - from.0) / (node.0 - from.0).max(f64::MIN_POSITIVE);
-            merged.push((
-                between.stamp_s,
-                from.1.compose(between.motion).compose(missed.fraction(share.clamp(0.0, 1.0))),
-            ));
+        let missed = from.1.compose(motion).inverse().compose(node.1);
+        for (stamp_s, motion) in gap.drain(..) {
+            let share = (stamp_s - from.0) / (node.0 - from.0).max(f64::MIN_POSITIVE);
+            merged.push((stamp_s, from.1.compose(motion).compose(missed.fraction(share.clamp(0.0, 1.0)))));
         }
         merged.push(node);
         from = node;
+        before = (!step.sampled).then(|| step.motion.inverse());
     }
-    merged.extend(gap.iter().map(|step| (step.stamp_s, from.1.compose(step.motion))));
+    merged.extend(gap.into_iter().map(|(stamp_s, motion)| (stamp_s, from.1.compose(motion))));
     merged
 }
 
@@ -66,5 +68,23 @@ mod tests {
             assert!((got - expected).abs() < 1e-12, "{x:?}");
         }
         assert_eq!(x.len(), 5);
+    }
+
+    #[test]
+    fn where_the_path_has_poses_of_other_steps_than_were_sampled_motions_count_from_these() {
+        let motion = |x: f64| Pose::new(x, 0.0, 0.0);
+        let step = |stamp_s: f64, x: f64, sampled| PathStep { stamp_s, motion: motion(x), sampled };
+        // A metre a second; the motions begin at 0 s, and from 2 s on there.
+        let steps = [
+            step(0.0, 0.0, true),
+            step(1.0, 1.0, false),
+            step(2.0, 2.0, true),
+            step(3.0, 1.0, false),
+            step(4.0, 2.0, false),
+        ];
+        for path in [[0.0, 1.0], [0.0, 2.0], [0.0, 3.0], [0.0, 4.0]] {
+            let merged = with_unsampled(&path.map(|x| (x, motion(x))), &steps, Pose::default());
+            assert_eq!(merged, steps.map(|step| (step.stamp_s, motion(step.stamp_s))), "{path:?}");
+        }
     }
 }
