@@ -94,7 +94,7 @@ def _head(sweep: Sweep) -> str:
     load = sweep.load
     return f"""# Scale, {sweep.started:%Y-%m-%d %H:%M} UTC
 
-fastslam {fastslam.__version__}, commit {_commit()}; {_processor()}, {platform.system()}, Python
+fastslam {fastslam.__version__}, commit {commit()}; {processor()}, {platform.system()}, Python
 {platform.python_version()}; load {load:.1f} at the start. Command:
 `python benchmarks/bench_scale.py{" --quick" if sweep.quick else ""}`.
 
@@ -133,7 +133,7 @@ def _targets(sweep: Sweep) -> str:
         ),
         ("99th percentile over median of a step, 1.0", f"{one.step_us[2] / one.step_us[1]:.1f}", "≤ 3"),
     ]
-    return "## Against the targets\n\n" + _markdown(("what", "measured", "wanted"), rows)
+    return "## Against the targets\n\n" + markdown(("what", "measured", "wanted"), rows)
 
 
 def _algorithm_rows(measurements: Sequence[Measurement]) -> Iterable[tuple[str, str, str]]:
@@ -219,7 +219,7 @@ def _headline_table(measurements: Iterable[Measurement]) -> str:
             )
         )
     head = ("run", "map RMSE [m]", "path RMSE, live [m]", "path RMSE, smoothed [m]", "found", "filter [s]")
-    return _markdown((*head, "simulation [s]", "rows", "map [MB]", "peak process [MB]"), rows)
+    return markdown((*head, "simulation [s]", "rows", "map [MB]", "peak process [MB]"), rows)
 
 
 def _table(measurements: Iterable[Measurement]) -> str:
@@ -248,10 +248,10 @@ def _table(measurements: Iterable[Measurement]) -> str:
         "ns/particle-sighting, least / median",
         "step [µs], least / median / p99",
     )
-    return _markdown((*head, "run [s]", "rows", "map [MB]", "peak process [MB]"), rows)
+    return markdown((*head, "run [s]", "rows", "map [MB]", "peak process [MB]"), rows)
 
 
-def _markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+def markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     lines = ["| " + " | ".join(map(str, cells)) + " |" for cells in (head, ["---"] * len(head), *rows)]
     return "\n".join(lines)
 
@@ -266,7 +266,8 @@ NOT_MEASURED = """## Not measured
   a test of the store); 2.0 beside 1.0 and threads within the same steps (`benches/threads.rs` does)."""
 
 
-def _commit() -> str:
+def commit() -> str:
+    """The commit of this tree, as git describes it."""
     here = Path(__file__).parent
     command = ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=10"]
     try:
@@ -275,7 +276,7 @@ def _commit() -> str:
         return "unknown"
 
 
-def _processor() -> str:
+def processor() -> str:
     """Architecture, the widest vectors that the kernels use, and the number of logical processors."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()

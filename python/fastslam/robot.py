@@ -42,10 +42,14 @@ if TYPE_CHECKING:
     from .watching import View
 
 
+LIVE: Layer = {"filter": {"rejuvenation": {"delay_scans": 10}}}
+"""What a robot sets otherwise than the defaults: no step waits for a draw of paths."""
+
+
 class Robot:
     """The filter on a live stream. Every row has the stamp at which it was measured.
 
-    `config` is laid over the defaults, `identities` as for `FastSlam`. `classes` names the classes of
+    `config` is laid over the defaults and `LIVE`, `identities` as for `FastSlam`. `classes` names the classes of
     `association.classes`; those seen beyond them are numbered as they come.
 
     >>> robot = Robot({"filter": {"particles": 50}}, window=Window(late_s=0.1))
@@ -56,7 +60,7 @@ class Robot:
     (0.1, 2, 0.4)
 
     `odometry` and `sightings` return the steps that became possible. The rows of a log, in any order that the
-    window allows, give the bits of `fastslam.run`. A call that raises `DataError` changes nothing. Rows that
+    window allows, give the bits of `fastslam.run` with the robot's `config`. A call that raises `DataError` changes nothing. Rows that
     are late, repeated or too far ahead are refused and counted, and so are scans that no particle can
     explain: see `counts`. `save` and `load` keep the whole state, the rows that wait included; pickle works.
 
@@ -97,7 +101,7 @@ class Robot:
         sensor: Sensor | None = None,
         scanner: Scanner | None = None,
     ) -> None:
-        self.config = Config.resolve(config or {}, own_layer(sensor))
+        self.config = Config.resolve(LIVE, config or {}, own_layer(sensor))
         self._scanner = None if scanner is None else scanner.to_json()
         self._adapter = adapted(sensor)
         chosen = window or Window()
