@@ -49,8 +49,8 @@ LIVE: Layer = {"filter": {"rejuvenation": {"delay_scans": 10}}}
 class Robot:
     """The filter on a live stream. Every row has the stamp at which it was measured.
 
-    `config` is laid over the defaults and `LIVE`, `identities` as for `FastSlam`. `classes` names the classes of
-    `association.classes`; those seen beyond them are numbered as they come.
+    `config` is laid over the defaults and `LIVE`, `identities` as for `FastSlam`. `classes` names the classes
+    of `association.classes`; those seen beyond them are numbered as they come.
 
     >>> robot = Robot({"filter": {"particles": 50}}, window=Window(late_s=0.1))
     >>> steps = robot.odometry(0.0, [1.0, 0.0])
@@ -60,9 +60,10 @@ class Robot:
     (0.1, 2, 0.4)
 
     `odometry` and `sightings` return the steps that became possible. The rows of a log, in any order that the
-    window allows, give the bits of `fastslam.run` with the robot's `config`. A call that raises `DataError` changes nothing. Rows that
-    are late, repeated or too far ahead are refused and counted, and so are scans that no particle can
-    explain: see `counts`. `save` and `load` keep the whole state, the rows that wait included; pickle works.
+    window allows, give the bits of `fastslam.run` with the robot's `config`. A call that raises `DataError`
+    changes nothing. Rows that are late, repeated or too far ahead are refused and counted, and so are scans
+    that no particle can explain: see `counts`. `save` and `load` keep the whole state, the rows that wait
+    included; pickle works.
 
     With `map` it drives in a map that was kept, whose landmarks are what their roles say; with `start` from
     a pose that is not known exactly (`fastslam.maps.Start`), or one of several. With `start=Anywhere()` it

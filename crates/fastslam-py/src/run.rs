@@ -212,7 +212,8 @@ pub fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyR
     skipped.set_item("joint_association_fallbacks", fell_back)?;
     skipped.set_item("landmarks_visited_again", output.returns.visited)?;
     skipped.set_item("landmarks_not_found_again", output.returns.in_vain)?;
-    if config.filter.rejuvenation.delay_scans > 0 {
+    // Where it is none, runs that draw in place and others say the same.
+    if output.waits > 0 {
         skipped.set_item("steps_waited_for_draws", output.waits)?;
     }
     dict.set_item("skipped", skipped)?;

@@ -55,7 +55,7 @@ impl<M: Placing> Engine<M> {
         let used = fill_rounds(setup, rounds, sightings, &mut info.left_out.skipped);
         let scan = Rounds { stamp_s, rounds: &mut rounds[..used], progress };
         let done = take_in(setup, state, work, scan, &mut info);
-        if let (Err(_), Some(asked)) = (&done, work.asked.take_if(|_| done.is_err())) {
+        if let Some(asked) = work.draws.asked.take_if(|_| done.is_err()) {
             take_back(state, *asked);
         }
         done.map(|()| info)
@@ -63,6 +63,6 @@ impl<M: Placing> Engine<M> {
 
     /// The draw that the last step has left to a filter beside this one.
     pub fn asked(&mut self) -> Option<Asked> {
-        self.work.asked.take().map(|asked| *asked)
+        self.work.draws.asked.take().map(|asked| *asked)
     }
 }

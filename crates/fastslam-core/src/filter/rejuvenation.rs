@@ -86,7 +86,7 @@ pub(super) fn draw_in_place<M: Placing>(setup: &Setup<M>, state: &mut State, wor
 
 /// Leaves the draw that a step needs to a filter beside this one.
 pub(super) fn leave_draw(state: &mut State, work: &mut Work, moment: Moment) {
-    work.asked = hand_over(state).map(|state| Box::new(Asked { state, moment }));
+    work.draws.asked = hand_over(state).map(|state| Box::new(Asked { state, moment }));
 }
 
 /// The state with all its past, for a filter that draws in place; what is left goes on without the past.

@@ -30,21 +30,22 @@ pub(super) struct Work {
     /// Landmarks of the map that the scan should have shown, where that was looked at.
     pub map_in_view: Option<MapInView>,
     pub judging: Judging,
-    /// The draw that the step has left to a filter beside this one.
-    pub asked: Option<Box<Asked>>,
-    pub draws: DrawsBegun,
+    pub draws: Draws,
 }
 
-/// Draws between two steps that were begun, which somebody on another thread may want to hear of.
+/// Draws between two steps, of which somebody on another thread may want to hear.
 #[derive(Default)]
-pub(super) struct DrawsBegun {
+pub(super) struct Draws {
+    /// That which the step has left to a filter beside this one.
+    pub asked: Option<Box<Asked>>,
+    /// How many were begun.
     pub count: u32,
     /// Landmarks that went over into others in them, and that nobody has told of yet.
     pub merged: u32,
     pub hear: Option<Sender<Heard>>,
 }
 
-impl DrawsBegun {
+impl Draws {
     /// One more begins.
     pub fn begin(&mut self) {
         self.count += 1;
