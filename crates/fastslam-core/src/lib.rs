@@ -33,6 +33,7 @@ pub mod sighting;
 pub mod slam;
 pub mod smoothing;
 pub mod snapshot;
+pub mod space;
 pub mod step_info;
 pub mod store;
 mod stored_arrays;

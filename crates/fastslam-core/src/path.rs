@@ -11,8 +11,8 @@ const NONE: u32 = u32::MAX;
 
 /// One pose of a path.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-struct Node {
-    pose: Pose,
+struct Node<P> {
+    pose: P,
     step: u32,
 }
 
@@ -24,10 +24,10 @@ struct Link {
     holders: u32,
 }
 
-/// Paths of all particles as a forest that shares common pasts.
+/// Paths of all particles as a forest that shares common pasts; poses are of the plane, or of space.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-pub struct PathForest {
-    nodes: Vec<Node>,
+pub struct PathForest<P = Pose> {
+    nodes: Vec<Node<P>>,
     links: Vec<Link>,
     free: Vec<u32>,
     /// Node of each particle's latest pose.
@@ -42,14 +42,14 @@ pub struct PathForest {
     stamps_s: Vec<f64>,
 }
 
-impl PathForest {
+impl<P: Copy + Default + Send + Sync> PathForest<P> {
     /// An empty forest for `particles` paths.
     pub fn new(particles: usize) -> Self {
         Self { tips: vec![NONE; particles], ..Self::default() }
     }
 
     /// Appends one pose to each particle's path.
-    pub fn extend(&mut self, stamp_s: f64, workers: &Workers, pose_of: impl Fn(usize) -> Pose + Sync) {
+    pub fn extend(&mut self, stamp_s: f64, workers: &Workers, pose_of: impl Fn(usize) -> P + Sync) {
         let step = self.stamps_s.len() as u32;
         self.stamps_s.push(stamp_s);
         let Self { nodes, links, free, tips, former_tips, .. } = self;
@@ -65,7 +65,7 @@ impl PathForest {
         workers.both(
             particles,
             || {
-                nodes.resize(total, Node { pose: Pose::default(), step });
+                nodes.resize(total, Node { pose: P::default(), step });
                 for (particle, &tip) in tips.iter().enumerate() {
                     nodes[tip as usize] = Node { pose: pose_of(particle), step };
                 }
@@ -102,7 +102,7 @@ impl PathForest {
     /// All paths become one, `poses`, but for the last pose, which `last` gives for each particle.
     ///
     /// `poses` has one pose for every [`PathForest::extend`] so far, the last included.
-    pub fn replace(&mut self, poses: &[Pose], last: impl Fn(usize) -> Pose) {
+    pub fn replace(&mut self, poses: &[P], last: impl Fn(usize) -> P) {
         self.nodes.clear();
         self.links.clear();
         self.free.clear();
@@ -146,7 +146,7 @@ impl PathForest {
     }
 
     /// The path of one particle: stamps in seconds and poses `T_world_robot`, oldest first.
-    pub fn path(&self, particle: usize) -> Vec<(f64, Pose)> {
+    pub fn path(&self, particle: usize) -> Vec<(f64, P)> {
         let mut path = Vec::new();
         let mut index = self.tips[particle];
         while index != NONE {

@@ -10,6 +10,10 @@ use crate::normal::{self, Cholesky};
 use crate::random::{Purpose, RandomSource};
 use crate::real::Real;
 
+mod spatial;
+
+pub use spatial::check_spatial_model;
+
 /// A failed conformance check: what was compared, and where.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nonconformance(pub String);

@@ -26,6 +26,7 @@ mod range_only;
 mod rejuvenation;
 mod robustness;
 mod scans;
+mod space;
 mod state;
 mod stores_agree;
 mod stores_agree_on_logs;

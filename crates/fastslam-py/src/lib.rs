@@ -13,6 +13,7 @@ mod sensor;
 mod settings;
 mod simulation;
 mod smoothing;
+mod space;
 mod step;
 mod stream;
 mod view;
@@ -37,5 +38,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<placement::Chart>()?;
     arena::register(module)?;
     detect::register(module)?;
+    space::register(module)?;
     simulation::register(module)
 }

@@ -27,22 +27,25 @@ pub struct UpperTriangle {
 }
 
 impl UpperTriangle {
-    /// The places of all numbers for a chain of poses, each seen as three variables, and landmarks of two after them: a
-    /// pose's column holds the pose before and its own triangle, a landmark's column the poses that saw it, in their
-    /// order, and its own triangle.
-    pub fn of_chain(poses: usize, seen_from: impl Iterator<Item = impl Iterator<Item = usize> + Clone>) -> Self {
+    /// The places of all numbers for a chain of poses of `P` variables, and landmarks of `D` after them: a pose's column
+    /// holds the pose before and its own triangle, a landmark's column the poses that saw it, in their order, and its own
+    /// triangle.
+    pub fn of_chain<const P: usize, const D: usize>(
+        poses: usize,
+        seen_from: impl Iterator<Item = impl Iterator<Item = usize> + Clone>,
+    ) -> Self {
         let mut upper = Self { column_starts: vec![0], ..Self::default() };
         for pose in 0..poses {
-            for c in 0..3 {
-                let before = 3 * pose.saturating_sub(1);
-                upper.rows.extend(before..3 * pose + c + 1);
+            for c in 0..P {
+                let before = P * pose.saturating_sub(1);
+                upper.rows.extend(before..P * pose + c + 1);
                 upper.column_starts.push(upper.rows.len());
             }
         }
         for (landmark, seen_from) in seen_from.enumerate() {
-            let own = 3 * poses + 2 * landmark;
-            for c in 0..2 {
-                upper.rows.extend(seen_from.clone().flat_map(|pose| 3 * pose..3 * pose + 3));
+            let own = P * poses + D * landmark;
+            for c in 0..D {
+                upper.rows.extend(seen_from.clone().flat_map(|pose| P * pose..P * pose + P));
                 upper.rows.extend(own..own + c + 1);
                 upper.column_starts.push(upper.rows.len());
             }

@@ -30,6 +30,6 @@ pub(crate) use draws::{draw, fill_normal, Drawn, Sampling};
 pub(crate) use drift::Drift;
 pub(crate) use effort::Effort;
 pub(crate) use equations::{motion_cost, Block, Equations};
-pub(crate) use factor::{Factor, LANES};
+pub(crate) use factor::{Factor, UpperTriangle, LANES};
 pub(crate) use graph::{by_landmark, Graph, Known, Mode, Sights};
 pub(crate) use history::{History, Trajectory, NO_LANDMARK};
