@@ -52,5 +52,12 @@ REFERENCE = {
         ),
         "fastslam.reproduce",
     ),
+    "space": (
+        "Python: three dimensions",
+        *("fastslam.space.log", "fastslam.space.reading", "fastslam.space.native_write"),
+        *("fastslam.space.runner", "fastslam.space.learning", "fastslam.space.config"),
+        *("fastslam.space.result", "fastslam.space.evaluation", "fastslam.space.outputs"),
+        "fastslam.space.simulation",
+    ),
 }
 """Pages of the reference: title, then modules."""

@@ -37,6 +37,27 @@ def simulation_with_landmarks(json: str, landmarks: int) -> str:
 def simulate(json: str) -> dict[str, Any]:
     """Simulates a log; returns its columns by name. ValueError for settings that contradict each other."""
 
+def space_config_schema() -> str:
+    """The JSON Schema of the configuration of a run in space."""
+
+def resolve_space_config(json: str) -> str:
+    """As `resolve_config`, for runs in space."""
+
+def run_space(
+    config_json: str,
+    row_stamp_s: Floats,
+    velocity: Floats,
+    sighting_stamp_s: Floats,
+    value: Floats,
+    identity: Ints,
+    covariance: Floats | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """Runs the filter over a log in space; see `fastslam.space.run`.
+
+    Ctrl-C, or KeyboardInterrupt from `progress`, ends the run early with what has been computed.
+    """
+
 def run(
     config_json: str,
     control_stamps_s: Floats,

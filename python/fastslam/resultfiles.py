@@ -47,10 +47,11 @@ RUN_FILE = "run.json"
 RUNS_FILE = "runs.json"
 LOG_FILE = "log.json"
 REPORT_FILE = "report.html"
+SPACE_MAP_FILE = "map.csv"
 FIGURES = ("map", "error", "health", "effective_sample_size", "latency")
 OWN_FILES = (
     *(RUN_FILE, TRAJECTORY_FILE, SMOOTHED_FILE, COVARIANCE_FILE, LANDMARKS_FILE, METRICS_FILE, CONFIG_FILE),
-    *(STEPS_FILE, RUNS_FILE, LOG_FILE, REPORT_FILE, *(f"{name}.png" for name in FIGURES)),
+    *(STEPS_FILE, RUNS_FILE, LOG_FILE, REPORT_FILE, SPACE_MAP_FILE, *(f"{name}.png" for name in FIGURES)),
 )
 """Every file that a run may leave in its folder. A new run removes those of an older one and nothing else."""
 

@@ -15,6 +15,7 @@ from .encoding import print_json
 from .options import Format, Json, Robot, Run
 from .output import metrics_table, read_log_reference, summary_table
 from .simulate import SETTINGS_FILE
+from .space import evaluate_in_space, in_space, refuse
 
 if TYPE_CHECKING:
     from ..evaluation import Metrics
@@ -56,6 +57,10 @@ def evaluate_results(
     from ..evaluation import evaluate
     from ..resultfiles import read_result
 
+    if any(in_space(folder) for folder in results):
+        refuse({"--runs": runs, "--robot": robot, "--run": run})
+        evaluate_in_space(results, truth, format, json=json)
+        return
     if runs is not None:
         if len(results) != 1:
             raise typer.BadParameter(f"--runs takes one results folder, got {len(results)}")

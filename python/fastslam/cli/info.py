@@ -12,6 +12,7 @@ from ..errors import DataError
 from .console import make_table, stdout
 from .encoding import print_json
 from .options import Format, LogPath, Robot, Run, Topics, topics_named
+from .space import format_in_space, info_in_space
 
 if TYPE_CHECKING:
     from ..datasets.bag_topics import Topic
@@ -47,6 +48,10 @@ def info(
     from ..datasets.registry import load
     from ..examination import examine
 
+    in_space = format_in_space(path, format)
+    if in_space is not None:
+        info_in_space(path, in_space, json=json)
+        return
     topics = _topics(path)
     if topics and not json:
         _show_topics(topics)

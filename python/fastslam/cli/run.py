@@ -30,6 +30,7 @@ from .options import (
     topics_named,
 )
 from .output import LogReference, metrics_table, summary_table, write_log_reference
+from .space import SpaceRequest, format_in_space, refuse, run_in_space
 from .times import times_shown
 from .tune import learned_into
 from .watch import DEFAULT_PORT, Watching, WatchPort, watched
@@ -141,6 +142,17 @@ def run_log(
     from ..opinion import is_second_run_due
     from ..runner import configure
 
+    in_space = format_in_space(path, format)
+    if in_space is not None:
+        planar: dict[str, object] = {"--robot": robot, "--run": run, "--topic": topic, "--store": store}
+        planar |= {"--association": association, "--algorithm": algorithm, "--best-of": best_of}
+        planar |= {"--checkpoint-every": checkpoint_every, "--resume": resume, "--map-out": map_out}
+        refuse({**planar, "--watch": watch})
+        own = {"filter.particles": particles, "filter.threads": threads, "seed": seed}
+        assigned = [*(settings or []), *(f"{key}={value}" for key, value in own.items() if value is not None)]
+        request = SpaceRequest(path, in_space, config, assigned, runs, not no_report, json, auto)
+        run_in_space(request, prepare_folder(out))
+        return
     flags = {"association": association, "algorithm": algorithm, "particles": particles}
     flags |= {"store": store, "threads": threads, "seed": seed}
     given = [f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None]

@@ -11,6 +11,7 @@ from .._core import simulation_presets
 from .console import stdout
 from .options import ConfigFile, Seed, Settings
 from .output import keys_table
+from .space import IN_SPACE, refuse, simulate_in_space
 
 SETTINGS_FILE = "simulation.yaml"
 
@@ -52,7 +53,10 @@ def simulate_log(
     ] = None,
     sensor: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="What it sees, range_bearing, range or bearing: `sensor.model`."),
+        typer.Option(
+            metavar="NAME",
+            help="What it sees (`sensor.model`): range_bearing, range, bearing; in space point3d, elevation.",
+        ),
     ] = None,
     max_range: Annotated[
         float | None, typer.Option("--max-range-m", metavar="M", help="How far the sensor sees, in metres.")
@@ -76,12 +80,24 @@ def simulate_log(
       fastslam simulate large --preset headline --landmarks 100000
       fastslam simulate clutter --set scan.clutter_per_scan=2 --set scan.detection_probability=0.8
       fastslam simulate beacons --sensor range --max-range-m 100 --set world.count=12
+      fastslam simulate stars --sensor point3d
       fastslam simulate square --path waypoints --set "trajectory.points_m=[[5, 5], [45, 5], [45, 35]]"
     """
     from ..datasets.native_write import write_native
     from ..resultfiles import write_atomically
     from ..simulation import SCHEMA, resolve_simulation, simulate
 
+    if sensor in IN_SPACE:
+        other = {
+            "--preset": preset,
+            "--config": config,
+            "--set": settings,
+            "--layout": layout,
+            "--path": path,
+        }
+        refuse(other)
+        simulate_in_space(out, IN_SPACE[sensor], landmarks=landmarks, max_range_m=max_range, seed=seed)
+        return
     flags = {"layout": layout, "path": path, "sensor": sensor, "max_range": max_range, "seed": seed}
     given = (f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None)
     complete = resolve_simulation(

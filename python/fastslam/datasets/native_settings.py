@@ -9,6 +9,7 @@ from typing import Any
 
 from .._yaml import YamlError, parse_yaml
 from ..errors import DataError
+from ..space.log import MEASURED
 from .columns import UNITS
 from .native_odometry import MODELS
 from .text import read_text
@@ -93,6 +94,10 @@ def _check_model(settings: dict[str, Any], key: str, known: tuple[str, ...], pat
     section = settings[key]
     if not isinstance(section, dict):
         raise DataError(f"{key}: got {section}, expected a section with the key model", path)
+    if key == "sensor" and section.get("model") in MEASURED:
+        raise DataError(
+            f"sensor.model: {section['model']} needs a map in three dimensions: dimensions: 3", path
+        )
     if section.get("model") not in known:
         raise DataError(f"{key}.model: got {section.get('model')}, expected {' or '.join(known)}", path)
 

@@ -127,6 +127,7 @@ FORMATS: dict[str, DatasetFormat] = {
 }
 
 
+SPACE_PAGE = "docs/space.md"
 FOREIGN = {
     ".rawlog": "an MRPT rawlog",
     ".mat": "a MATLAB file of unknown content",
@@ -159,6 +160,12 @@ def load(
     path = Path(path)
     if not path.exists():
         raise DataError("does not exist", path)
+    from ..space.reading import matches as space_format  # which reads with the tables of this package
+
+    if format is None and space_format(path) is not None:
+        raise DataError(
+            f"is a log in three dimensions: for `fastslam run` and `info`, and {SPACE_PAGE}", path
+        )
     chosen, path = _guess(path) if format is None else (_by_name(format, path), path)
     named = tuple(topics.items()) if topics else None
     options = LoadOptions(robot=robot, run=run, max_range_m=max_range_m, topics=named)

@@ -1,0 +1,67 @@
+"""What speaks against a run in space."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .log import SpaceLog
+from .result import SpaceResult
+
+LARGEST_RATIO = 2.0
+"""Squared innovations over what the noise explains, from where on the noise is said to be too small."""
+LOST_RATIO = 16.0
+SMALLEST_RATIO = 0.3
+LONGEST_BLINDNESS_S = 5.0
+WIDEST_TURN_RAD = 0.3
+WIDEST_SHIFT_M = 1.0
+
+
+def warnings_of(result: SpaceResult, log: SpaceLog) -> tuple[str, ...]:
+    """A sentence each; none where nothing was found."""
+    found = [*_skipped(result)]
+    if len(result.landmarks.ids) == 0:
+        return (*found, "no landmark was mapped: no sighting names one, or none could be used")
+    ratio = result.innovation_ratio
+    if ratio > LARGEST_RATIO:
+        lost = "lost: " if ratio > LOST_RATIO else ""
+        found.append(
+            f"{lost}sightings lie {np.sqrt(ratio):.1f} times as far off as their noise says: "
+            "its standard deviations, or those of the motion, are too small, or names are mixed up"
+        )
+    elif ratio < SMALLEST_RATIO:
+        found.append(
+            f"sightings lie {np.sqrt(ratio):.2f} times as far off as their noise says: "
+            "its standard deviations are too large, and so are the covariances"
+        )
+    found += _blindness(log)
+    covariance = result.trajectory.covariance
+    if covariance is not None and len(covariance):
+        shift, turn = (np.sqrt(np.trace(covariance[-1, part, part])) for part in (slice(0, 3), slice(3, 6)))
+        if shift > WIDEST_SHIFT_M or turn > WIDEST_TURN_RAD:
+            found.append(
+                f"lost: at the end the pose is known to {shift:.2f} m and {np.degrees(turn):.0f} degrees"
+            )
+    return tuple(found)
+
+
+def _skipped(result: SpaceResult) -> list[str]:
+    total = sum(result.counts.values())
+    if not total:
+        return []
+    reasons = ", ".join(
+        f"{count:,} {name.removeprefix('sightings_').replace('_', ' ')}"
+        for name, count in result.counts.items()
+        if count
+    )
+    return [f"{total:,} sightings were left out: {reasons}"]
+
+
+def _blindness(log: SpaceLog) -> list[str]:
+    stamps = np.unique(log.sighting_stamp_s)
+    if len(stamps) < 2:
+        return []
+    gap = np.diff(stamps)
+    longest = int(np.argmax(gap))
+    if gap[longest] <= LONGEST_BLINDNESS_S:
+        return []
+    return [f"nothing was seen for {gap[longest]:.1f} s from {stamps[longest]:.1f} s on"]
