@@ -151,8 +151,7 @@ fn a_loop_that_the_associations_missed_is_closed() {
     for std in [&mut motion.x_std_m, &mut motion.y_std_m, &mut motion.heading_std_rad] {
         *std *= std::f64::consts::SQRT_2;
     }
-    (config.filter.particles, config.filter.rejuvenation.every_steps) = (30, Some(200));
-    (config.filter.rejuvenation.growth, config.filter.rejuvenation.spread) = (0.1, 0.5);
+    (config.filter.particles, config.filter.rejuvenation.every_steps) = (30, None);
     let landmarks = truth.landmarks.position_m.len();
     let merged = |output: &RunOutput| output.steps.iter().map(|step| step.info.changes.merged).sum::<u32>();
     config.filter.rejuvenation.closing_odds = 0.0;

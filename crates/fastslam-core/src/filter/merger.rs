@@ -43,7 +43,7 @@ impl Merger {
     pub fn present_name(&self, birth: u32, is_held: impl Fn(u32) -> bool) -> u32 {
         let mut name = birth;
         while !is_held(name) {
-            // Landmarks go over into older ones, so that this ends.
+            // What went over is not held again, so that this ends.
             match self.united.get(&u64::from(name)) {
                 Some(older) => name = *older as u32,
                 None => return birth,

@@ -27,7 +27,7 @@ use crate::measurement::Placing;
 use crate::motion::MotionGaussian;
 use crate::random::{Purpose, Stream};
 use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Effort, Sampling, LANES};
-use crate::smoothing::{Closing, Graph, Known, Mode, Sights, Trajectory};
+use crate::smoothing::{Closing, Graph, Known, Mode, Moved, SecondThoughts, Sights, Trajectory, NO_LANDMARK, PASSES};
 use crate::store::RowsMut;
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -135,9 +135,9 @@ fn rejuvenate_within<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut
     }
     rejuvenation.count += u64::from(anew.is_some());
     rejuvenation.last = rejuvenation.history.steps();
-    if let Some(Anew { trajectory, merges, misread }) = &anew {
+    if let Some(Anew { trajectory, merges, given }) = &anew {
         rejuvenation.history.resample(&work.ancestor_indices);
-        rejuvenation.history.forget(misread);
+        rejuvenation.history.give(given.iter().map(|moved| (moved.sighting, moved.to)));
         if let Some(need) = &mut rejuvenation.need {
             need.drawn(effort.done(), merges, (&rejuvenation.history, trajectory));
             rejuvenation.returns = Returns::default();
@@ -152,8 +152,8 @@ struct Anew {
     trajectory: Trajectory,
     /// Births of landmarks that went over into others: younger, older.
     merges: Vec<[u32; 2]>,
-    /// Sightings whose names cannot be right.
-    misread: Vec<u32>,
+    /// Sightings that show another landmark than was thought, or none.
+    given: Vec<Moved>,
 }
 
 /// `None` when nothing was done.
@@ -168,7 +168,7 @@ fn start_anew<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
     let mode = graph.solve(graph.guess(trajectory, |sights| places[&sights.birth].1))?;
     let (mode, misread) = leave_out_misread(setup, state, &mut graph, mode);
     let stream = stream_of(setup, state);
-    let (mode, merges) = close_loops(setup, state, &mut graph, mode, &places);
+    let (mode, merges, moved) = close_loops(setup, state, &mut graph, mode, &places);
     let sampling = Sampling { stream, count: state.particles.len(), spread: settings.spread };
     let drawn = draw(&graph, &mode, &sampling);
     if !drawn.last_poses.iter().all(|pose| pose.is_finite()) {
@@ -186,7 +186,9 @@ fn start_anew<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
     if !merges.is_empty() {
         unions.closed();
     }
-    Some(Anew { trajectory, merges, misread })
+    recount(state, &moved, &places);
+    let misread = misread.into_iter().map(|sighting| Moved { sighting, from: NO_LANDMARK, to: NO_LANDMARK });
+    Some(Anew { trajectory, merges, given: misread.chain(moved).collect() })
 }
 
 /// The mode without the sightings whose names cannot be right.
@@ -277,10 +279,10 @@ fn close_loops<M: Placing>(
     graph: &mut Graph<'_, M>,
     mode: Mode,
     places: &FxHashMap<u32, Place>,
-) -> (Mode, Vec<[u32; 2]>) {
+) -> (Mode, Vec<[u32; 2]>, Vec<Moved>) {
     let (settings, association) = (&setup.settings.config.filter.rejuvenation, &setup.settings.config.association);
     if settings.closing_odds == 0.0 || setup.settings.identities == Identities::All {
-        return (mode, Vec::new());
+        return (mode, Vec::new(), Vec::new());
     }
     let best = state.particles.best();
     let evidence = |births: [u32; 2]| {
@@ -297,13 +299,18 @@ fn close_loops<M: Placing>(
         evidence: &evidence,
     };
     let stream = stream_of(setup, state);
-    graph.close_loops(mode, &closing, |size, pass| {
+    // Particles have lower numbers.
+    let normal = |size, pass: usize| {
         let mut numbers = vec![[0.0; LANES]; size];
-        // Particles have lower numbers.
         let sampling = Sampling { stream, count: LANES, spread: 1.0 };
         fill_normal(&mut numbers, &sampling, u32::MAX - ((pass + 1) * LANES) as u32);
         numbers
-    })
+    };
+    let (mode, mut merges) = graph.close_loops(mode, &closing, normal);
+    let mut numbers = normal(mode.factor.size(), PASSES);
+    let (mode, SecondThoughts { moved, gone_over }) = graph.reassociate(mode, &closing, &mut numbers);
+    merges.extend(gone_over);
+    (mode, merges, moved)
 }
 
 /// Slot and mean of every landmark in one map, by birth.
@@ -329,6 +336,26 @@ fn become_copies_of_best(state: &mut State, work: &mut Work, trajectory: &Trajec
     state.path.replace(&trajectory.poses, |i| drawn.last_poses[i]);
     for (i, pose) in drawn.last_poses.iter().enumerate() {
         state.particles.set_pose(i, *pose);
+    }
+}
+
+/// Counts the sightings that went over from one landmark to another where they belong now.
+fn recount(state: &mut State, moved: &[Moved], places: &FxHashMap<u32, Place>) {
+    let mut more: FxHashMap<u32, f64> = FxHashMap::default();
+    let is_held =
+        |birth: u32| state.landmarks.slot(places[&birth].0).is_some_and(|slot| slot.birth == u64::from(birth));
+    for one in moved {
+        let [from, to] = [one.from, one.to].map(|birth| state.merger.present_name(birth, is_held));
+        if from != to {
+            *more.entry(from).or_default() -= 1.0;
+            *more.entry(to).or_default() += 1.0;
+        }
+    }
+    more.retain(|birth, _| is_held(*birth));
+    for (birth, more) in more {
+        state.landmarks.update(places[&birth].0, None, |mut rows| {
+            rows.column(Planar::SIGHTINGS).iter_mut().for_each(|count| *count = (*count + more).max(1.0));
+        });
     }
 }
 

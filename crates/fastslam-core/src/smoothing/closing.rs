@@ -10,7 +10,7 @@
 
 use super::differences::{Candidate, Differences, Pair, Set};
 use super::factor::{Lanes, LANES};
-use super::graph::{Graph, Known, Mode, Sights};
+use super::graph::{Graph, Mode, Sights};
 use crate::math;
 use crate::measurement::Placing;
 
@@ -22,7 +22,7 @@ const YOUNGER_AT_ONCE: usize = 10;
 /// Older landmarks that a younger one is compared with.
 const OLDER_EACH: usize = 6;
 /// Sets are looked for so many times: what a closed loop makes sure lets others close.
-const PASSES: usize = 8;
+pub const PASSES: usize = 8;
 /// Two landmarks are two things when they were sighted together once in so many sightings of the younger (of either,
 /// where loops are closed).
 ///
@@ -80,25 +80,29 @@ impl<M: Placing> Graph<'_, M> {
         if pairs.is_empty() {
             return None;
         }
-        let mut landmarks = self.landmarks.clone();
-        let mut guess = mode.solution.clone();
-        for &[older, younger] in &pairs {
-            let seen = std::mem::take(&mut landmarks[younger].seen);
-            landmarks[older].seen.extend(seen);
-            landmarks[older].seen.sort_by_key(|seen| seen.sighting);
-        }
-        // What is known without sightings stays.
-        let is_left = |sights: &Sights| !sights.seen.is_empty() || sights.known != Known::Nothing;
-        let mut kept = landmarks.iter().map(is_left);
-        guess.landmarks.retain(|_| kept.next().unwrap_or(false));
-        landmarks.retain(is_left);
-        let closed = Graph { landmarks, ..*self };
-        let new_mode = closed.solve(guess)?;
+        let (landmarks, new_mode) = self.joined(&pairs, mode)?;
         let worse = 2.0 * (new_mode.cost - mode.cost);
         let unlikely = worse - chi_squared_limit(2 * pairs.len());
         let odds: f64 = sets.iter().map(|set| set.log_odds).sum();
         let paid = closing.odds_outweigh_misfit && odds >= sets.len() as f64 * closing.log_odds + unlikely;
-        (unlikely <= 0.0 || paid).then_some((closed.landmarks, new_mode, pairs))
+        (unlikely <= 0.0 || paid).then_some((landmarks, new_mode, pairs))
+    }
+
+    /// The landmarks and the mode with the younger of each pair gone over into the older.
+    pub(super) fn joined(&self, pairs: &[Pair], mode: &Mode) -> Option<(Vec<Sights>, Mode)> {
+        let mut landmarks = self.landmarks.clone();
+        let mut guess = mode.solution.clone();
+        for &[older, younger] in pairs {
+            let seen = std::mem::take(&mut landmarks[younger].seen);
+            landmarks[older].seen.extend(seen);
+            landmarks[older].seen.sort_by_key(|seen| seen.sighting);
+        }
+        let mut kept = landmarks.iter().map(Sights::is_left);
+        guess.landmarks.retain(|_| kept.next().unwrap_or(false));
+        landmarks.retain(Sights::is_left);
+        let closed = Graph { landmarks, ..*self };
+        let new_mode = closed.solve(guess)?;
+        Some((closed.landmarks, new_mode))
     }
 
     /// Sets of pairs that are likely enough the same things, the likeliest first; no landmark is in two of them.
@@ -124,7 +128,7 @@ impl<M: Placing> Graph<'_, M> {
     }
 
     /// How far the landmarks lie from the mode in a few draws.
-    fn deviations(&self, mode: &Mode, normal: &mut [Lanes]) -> Vec<Deviations> {
+    pub(super) fn deviations(&self, mode: &Mode, normal: &mut [Lanes]) -> Vec<Deviations> {
         let first = self.first_landmark_variable(mode);
         let mut drawn = vec![[[0.0; LANES]; 2]; self.landmarks.len()];
         mode.factor.draw(normal, |variable, lanes| {
@@ -204,7 +208,7 @@ impl<M: Placing> Graph<'_, M> {
 }
 
 /// How far a landmark lies from the mode in a few draws.
-struct Deviations {
+pub(super) struct Deviations {
     /// x and y of each draw, metres.
     drawn: [Lanes; 2],
     /// Root mean square over the draws, metres.
@@ -215,6 +219,12 @@ impl Deviations {
     fn new(drawn: [Lanes; 2]) -> Self {
         let squares: f64 = drawn.iter().flatten().map(|d| d * d).sum();
         Self { drawn, rms_m: (squares / LANES as f64).sqrt() }
+    }
+
+    /// How far two landmarks lie from where they should relative to each other, mean square over the draws, square metres.
+    pub fn relative(&self, other: &Self) -> f64 {
+        let ([ax, ay], [bx, by]) = (&self.drawn, &other.drawn);
+        (0..LANES).map(|i| (ax[i] - bx[i]).powi(2) + (ay[i] - by[i]).powi(2)).sum::<f64>() / LANES as f64
     }
 
     /// The squared Mahalanobis distance of two landmarks that are `apart`, with the covariance of these draws; `None`
@@ -246,7 +256,7 @@ fn log_density(at: &[[f64; 2]], around: usize) -> f64 {
 }
 
 /// Scans in which both were sighted.
-fn seen_together(a: &Sights, b: &Sights) -> usize {
+pub(super) fn seen_together(a: &Sights, b: &Sights) -> usize {
     let mut others = b.seen.iter().map(|seen| seen.step).peekable();
     let together = a.seen.iter().filter(|seen| {
         while others.next_if(|step| *step < seen.step).is_some() {}

@@ -54,6 +54,13 @@ pub struct Sights {
     pub seen: Vec<Seen>,
 }
 
+impl Sights {
+    /// Whether there is something that says where the landmark is: a sighting, or what is known beside them.
+    pub fn is_left(&self) -> bool {
+        !self.seen.is_empty() || self.known != Known::Nothing
+    }
+}
+
 /// Sightings by landmark; the landmarks in the order of their first sighting.
 pub fn by_landmark(seen: &[Seen], known: impl Fn(u32) -> bool) -> Vec<Sights> {
     let mut places: FxHashMap<u32, usize> = FxHashMap::default();

@@ -176,15 +176,13 @@ impl History {
         self.explanations.len() as u32 - 1
     }
 
-    /// Takes sightings from the landmarks that they were given to, in all pasts.
-    pub fn forget(&mut self, sightings: &[u32]) {
-        let is_of = |explanation: &Explanation, sighting: u32| {
-            sighting.checked_sub(explanation.first_sighting).filter(|j| *j < explanation.count)
-        };
-        for &sighting in sightings {
-            for explanation in &self.explanations {
-                if let Some(j) = is_of(explanation, sighting) {
-                    self.choices[(explanation.first_choice + j) as usize] = NO_LANDMARK;
+    /// Gives sightings to other landmarks, or to [`NO_LANDMARK`], in all pasts.
+    pub fn give(&mut self, sightings: impl Iterator<Item = (u32, u32)>) {
+        let births: FxHashMap<u32, u32> = sightings.collect();
+        for explanation in self.explanations.iter().filter(|_| !births.is_empty()) {
+            for j in 0..explanation.count {
+                if let Some(birth) = births.get(&(explanation.first_sighting + j)) {
+                    self.choices[(explanation.first_choice + j) as usize] = *birth;
                 }
             }
         }

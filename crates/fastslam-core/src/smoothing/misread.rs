@@ -76,6 +76,7 @@ impl<M: Placing> Graph<'_, M> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::history::NO_LANDMARK;
     use super::*;
     use crate::density::Tail;
     use crate::geometry::Pose;
@@ -127,7 +128,7 @@ mod tests {
         assert_eq!(graph.sightings(), 80 - left_out.len());
         left_out.sort_unstable();
         let after = mode.cost;
-        history.forget(&left_out);
+        history.give(left_out.iter().map(|sighting| (*sighting, NO_LANDMARK)));
         assert_eq!(history.seen_by(0).len(), 80 - left_out.len());
         assert!(history.seen_by(0).iter().all(|seen| !left_out.contains(&seen.sighting)));
         (left_out, before, after)

@@ -21,11 +21,13 @@ mod guess;
 mod history;
 mod misread;
 mod rows;
+mod second_thoughts;
+mod twins;
 
 pub use border::{Anchors, Bordered, Priors};
 pub use rows::{Problem, Rows, Sight, OF_SENSOR};
 
-pub(crate) use closing::{Closing, RARE};
+pub(crate) use closing::{Closing, PASSES, RARE};
 pub(crate) use draws::{draw, fill_normal, Drawn, Sampling};
 pub(crate) use drift::Drift;
 pub(crate) use effort::Effort;
@@ -33,3 +35,4 @@ pub(crate) use equations::{motion_cost, Block, Equations};
 pub(crate) use factor::{Factor, UpperTriangle, LANES};
 pub(crate) use graph::{by_landmark, Graph, Known, Mode, Sights};
 pub(crate) use history::{History, Trajectory, NO_LANDMARK};
+pub(crate) use second_thoughts::{Moved, SecondThoughts};

@@ -1,0 +1,334 @@
+//! Second thoughts: sightings go over to the landmarks that they show, as the whole path has it.
+//!
+//! A particle decides what a sighting shows when it comes, from a pose that may be off by more than landmarks stand apart.
+//! Once the path is known such a sighting lies beside its landmark and on another one. Scan by scan, sightings change
+//! places while that brings them nearer to what they show; then the problem is solved again.
+//!
+//! **Source:** hard expectation maximisation; in a scan each landmark is sighted once.
+
+use super::closing::Closing;
+use super::factor::Lanes;
+use super::graph::{Graph, Known, Mode, Sights};
+use super::history::Seen;
+use crate::measurement::Placing;
+use rustc_hash::{FxHashMap, FxHashSet};
+
+/// Solutions at most, after the first.
+const PASSES: usize = 4;
+/// A change must bring its sightings nearer by so much, in squared standard deviations of the sensor.
+const GAIN: f64 = 2.0;
+/// Landmarks stand side by side up to so many standard deviations of a sighting, squared: 99.9 % of χ² with two degrees of
+/// freedom.
+const GATE: f64 = 13.8;
+
+/// A sighting that shows another landmark than was thought.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Moved {
+    /// Number of the sighting.
+    pub sighting: u32,
+    /// Births of the landmark that it was taken for and of that which it shows.
+    pub from: u32,
+    pub to: u32,
+}
+
+/// What second thoughts come to.
+#[derive(Debug, Default)]
+pub struct SecondThoughts {
+    /// Sightings that go over.
+    pub moved: Vec<Moved>,
+    /// Births of landmarks that went over into others, having lost all their sightings or as twins, and of these.
+    pub gone_over: Vec<[u32; 2]>,
+}
+
+/// A sighting of the scan at hand and the landmark that it is taken for.
+struct Claim {
+    landmark: usize,
+    seen: Seen,
+}
+
+impl<M: Placing> Graph<'_, M> {
+    /// The mode with the sightings where they belong, and which those are; `normal` are standard normal numbers, a row for
+    /// each unknown.
+    pub fn reassociate(
+        &mut self,
+        mut mode: Mode,
+        closing: &Closing<'_>,
+        normal: &mut [Lanes],
+    ) -> (Mode, SecondThoughts) {
+        let before = self.births();
+        let related = self.related(&mode, closing, normal);
+        for _ in 0..PASSES {
+            let Some((landmarks, moved)) = self.rearranged(&mode, &related) else { break };
+            // A landmark less is worth what it takes to make two one.
+            let fewer = (self.landmarks.len() - landmarks.len()) as f64;
+            if moved.cost >= mode.cost + fewer * closing.log_odds {
+                break;
+            }
+            (self.landmarks, mode) = (landmarks, moved);
+        }
+        let after = self.births();
+        let mut thoughts = SecondThoughts::between(&before, &after);
+        let (mode, twins) = self.join_twins(mode, closing, &related);
+        thoughts.gone_over.extend(twins);
+        (mode, thoughts)
+    }
+
+    /// Sighting and birth of the landmark that it is taken for.
+    fn births(&self) -> FxHashMap<u32, u32> {
+        let of = |sights: &Sights| sights.seen.iter().map(|seen| (seen.sighting, sights.birth)).collect::<Vec<_>>();
+        self.landmarks.iter().flat_map(of).collect()
+    }
+
+    /// The landmarks with every scan's sightings where they fit best, and the mode then; `None` where none moves.
+    fn rearranged(&self, mode: &Mode, related: &FxHashSet<[u32; 2]>) -> Option<(Vec<Sights>, Mode)> {
+        let beside =
+            self.beside(&mode.solution.landmarks, |pair| related.contains(&pair.map(|k| self.landmarks[k].birth)));
+        let mut claims: Vec<Claim> = Vec::new();
+        for (landmark, sights) in self.landmarks.iter().enumerate().filter(|(k, _)| !beside[*k].is_empty()) {
+            claims.extend(sights.seen.iter().map(|&seen| Claim { landmark, seen }));
+        }
+        claims.sort_by_key(|claim| claim.seen.sighting);
+        let mut changes = 0;
+        for scan in claims.chunk_by_mut(|a, b| a.seen.step == b.seen.step) {
+            changes += self.rearrange(scan, &beside, mode);
+        }
+        (changes > 0).then(|| self.with_claims(&claims, &beside, mode)).flatten()
+    }
+
+    /// Pairs of landmarks that stand side by side and may look alike, by birth, the relation of which is known better than a
+    /// sighting: with a loop open, a landmark and the one that was founded anew for it are not.
+    pub(super) fn related(&self, mode: &Mode, closing: &Closing<'_>, normal: &mut [Lanes]) -> FxHashSet<[u32; 2]> {
+        let deviations = self.deviations(mode, normal);
+        let births = |pair: [usize; 2]| pair.map(|k| self.landmarks[k].birth);
+        let is_known = |[a, b]: [usize; 2]| {
+            let reach = self.reach(&self.landmarks[a]).max(self.reach(&self.landmarks[b]));
+            deviations[a].relative(&deviations[b]) <= reach * reach / GATE
+        };
+        let beside = self.beside(&mode.solution.landmarks, |pair| {
+            is_known(pair) && (closing.evidence)(births(pair)).is_some_and(|evidence| evidence >= 0.0)
+        });
+        let pairs = beside.iter().enumerate().flat_map(|(a, others)| others.iter().map(move |b| [a, *b]));
+        pairs.filter(|[a, b]| a < b).map(births).collect()
+    }
+
+    /// Lets the sightings of one scan change places while that brings them nearer; returns how often they did.
+    fn rearrange(&self, scan: &mut [Claim], beside: &[Vec<usize>], mode: &Mode) -> usize {
+        let mut changes = 0;
+        for _ in 0..scan.len() {
+            let Some((claim, to)) = self.best_change(scan, beside, mode) else { break };
+            let from = scan[claim].landmark;
+            if let Some(other) = scan.iter().position(|claim| claim.landmark == to) {
+                scan[other].landmark = from;
+            }
+            scan[claim].landmark = to;
+            changes += 1;
+        }
+        changes
+    }
+
+    /// The claim that gains most by going over to another landmark, with that of the other sighting that has to give way.
+    fn best_change(&self, scan: &[Claim], beside: &[Vec<usize>], mode: &Mode) -> Option<(usize, usize)> {
+        let distance = |claim: &Claim, landmark: usize| {
+            let pose = mode.solution.trajectory.poses[claim.seen.step as usize];
+            let at = (mode.solution.landmarks[landmark], &self.landmarks[landmark].known);
+            self.view(pose, at, self.history.sighting(claim.seen.sighting)).distance
+        };
+        let gain = |claim: &Claim, to: usize| {
+            let own = distance(claim, claim.landmark) - distance(claim, to);
+            let other = scan.iter().find(|other| other.landmark == to);
+            own + other.map_or(0.0, |other| distance(other, to) - distance(other, claim.landmark))
+        };
+        let changes =
+            scan.iter().enumerate().flat_map(|(i, claim)| beside[claim.landmark].iter().map(move |to| (i, *to)));
+        let gains = changes.map(|(i, to)| (gain(&scan[i], to), i, to));
+        gains.max_by(|a, b| a.0.total_cmp(&b.0)).filter(|(gain, ..)| *gain > GAIN).map(|(_, i, to)| (i, to))
+    }
+
+    /// The landmarks with these claims, and the mode then.
+    fn with_claims(&self, claims: &[Claim], beside: &[Vec<usize>], mode: &Mode) -> Option<(Vec<Sights>, Mode)> {
+        let mut landmarks = self.landmarks.clone();
+        landmarks.iter_mut().zip(beside).filter(|(_, beside)| !beside.is_empty()).for_each(|(l, _)| l.seen.clear());
+        for claim in claims {
+            let sights = &mut landmarks[claim.landmark];
+            sights.seen.push(Seen { birth: sights.birth, ..claim.seen });
+        }
+        let mut guess = mode.solution.clone();
+        let mut kept = landmarks.iter().map(Sights::is_left);
+        guess.landmarks.retain(|_| kept.next().unwrap_or(false));
+        landmarks.retain(Sights::is_left);
+        let rearranged = Graph { landmarks, ..*self };
+        let mode = rearranged.solve(guess)?;
+        Some((rearranged.landmarks, mode))
+    }
+
+    /// The landmarks that stand so near to each that their sightings may be taken for one another, and that may be.
+    pub(super) fn beside(&self, places: &[[f64; 2]], may_be: impl Fn([usize; 2]) -> bool) -> Vec<Vec<usize>> {
+        let mut by_x: Vec<usize> = (0..places.len()).collect();
+        by_x.sort_by(|a, b| places[*a][0].total_cmp(&places[*b][0]));
+        let reach: Vec<f64> = self.landmarks.iter().map(|sights| self.reach(sights)).collect();
+        let farthest = reach.iter().copied().fold(0.0, f64::max);
+        let mut beside = vec![Vec::new(); places.len()];
+        for (i, &a) in by_x.iter().enumerate() {
+            for &b in by_x[i + 1..].iter().take_while(|b| places[**b][0] - places[a][0] <= farthest) {
+                let [dx, dy] = [0, 1].map(|axis| places[a][axis] - places[b][axis]);
+                let near = dx.hypot(dy) <= reach[a].max(reach[b]) && reach[a].min(reach[b]) > 0.0;
+                if near && may_be([a.min(b), a.max(b)]) {
+                    beside[a].push(b);
+                    beside[b].push(a);
+                }
+            }
+        }
+        beside.iter_mut().for_each(|others| others.sort_unstable());
+        beside
+    }
+
+    /// How far from a landmark its sightings may lie, metres; 0 for one of which something is known beside them.
+    fn reach(&self, sights: &Sights) -> f64 {
+        let variance = |seen: &Seen| {
+            let measured = self.history.sighting(seen.sighting);
+            self.model.position_variance(measured.value, measured.noise)
+        };
+        let most = sights.seen.iter().map(variance).fold(0.0, f64::max);
+        if matches!(sights.known, Known::Nothing) {
+            (GATE * most).sqrt()
+        } else {
+            0.0
+        }
+    }
+}
+
+impl SecondThoughts {
+    /// What changed between two ways to explain the sightings.
+    fn between(before: &FxHashMap<u32, u32>, after: &FxHashMap<u32, u32>) -> Self {
+        let mut moved: Vec<Moved> = before
+            .iter()
+            .map(|(sighting, from)| Moved { sighting: *sighting, from: *from, to: after[sighting] })
+            .filter(|moved| moved.from != moved.to)
+            .collect();
+        moved.sort_unstable_by_key(|moved| moved.sighting);
+        let mut lost: FxHashMap<u32, FxHashMap<u32, usize>> = FxHashMap::default();
+        for one in &moved {
+            *lost.entry(one.from).or_default().entry(one.to).or_default() += 1;
+        }
+        let held: FxHashSet<u32> = after.values().copied().collect();
+        let mut gone_over: Vec<[u32; 2]> = lost
+            .iter()
+            .filter(|(birth, _)| !held.contains(*birth))
+            .filter_map(|(birth, to)| to.iter().max_by_key(|(to, n)| (**n, **to)).map(|(to, _)| [*birth, *to]))
+            .collect();
+        gone_over.sort_unstable();
+        Self { moved, gone_over }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::effort::Effort;
+    use super::super::factor::LANES;
+    use super::super::graph::{by_landmark, Solution};
+    use super::super::history::{History, Trajectory};
+    use super::*;
+    use crate::geometry::{Pose, Symmetric2};
+    use crate::landmark::{Measured, Tail};
+    use crate::measurement::{MeasurementModel, RangeBearing};
+    use crate::motion::MotionGaussian;
+    use crate::random::{Purpose, RandomSource};
+
+    const MODEL: RangeBearing = RangeBearing { range_std_m: 0.1, bearing_std_rad: 0.02 };
+    const STEPS: usize = 60;
+    const PLACES: [[f64; 2]; 3] = [[3.0, 4.0], [3.4, 4.0], [8.0, 4.0]];
+
+    /// A straight way past three landmarks, all seen in each scan; `taken(step, k)` is what the sighting of landmark k was
+    /// taken for.
+    fn solved<T>(taken: impl Fn(usize, usize) -> u32, ask: impl FnOnce(Graph<'_, RangeBearing>, Mode) -> T) -> T {
+        let stream = RandomSource::new(3).stream(Purpose::Simulation, 0);
+        let mut history = History::new(1);
+        let covariance = [[1e-4, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, 1e-4]];
+        let mut poses = Vec::new();
+        for step in 0..STEPS {
+            poses.push(Pose::new(0.2 * (step + 1) as f64, 0.0, 0.0));
+            history.moved(&MotionGaussian { mean: Pose::new(0.2, 0.0, 0.0), covariance });
+            let scan: Vec<Measured> = (0..3)
+                .map(|k| {
+                    let [e, f] = stream.normal_pair(step as u32, k as u32);
+                    let [range_m, bearing_rad] = MODEL.expected(poses[step], PLACES[k]);
+                    let value = [range_m + 0.1 * e, bearing_rad + 0.02 * f];
+                    Measured { value, noise: Symmetric2::new(0.01, 0.0, 4e-4), tail: Tail::Gaussian }
+                })
+                .collect();
+            let births: Vec<u32> = (0..3).map(|k| taken(step, k)).collect();
+            history.explained_alike(scan.into_iter(), &births);
+            history.step_done();
+        }
+        let effort = Effort::any();
+        let graph = Graph {
+            history: &history,
+            model: &MODEL,
+            T_robot_sensor: Pose::default(),
+            likelihood_exponent: 1.0,
+            first_free: 0,
+            landmarks: by_landmark(&history.seen_by(0), |_| true),
+            effort: &effort,
+        };
+        let landmarks = graph.landmarks.iter().map(|sights| PLACES[sights.birth as usize % 3]).collect();
+        let guess = Solution { trajectory: Trajectory { start: Pose::default(), poses }, landmarks };
+        let mode = graph.solve(guess).unwrap();
+        ask(graph, mode)
+    }
+
+    fn closing(evidence: &dyn Fn([u32; 2]) -> Option<f64>) -> Closing<'_> {
+        Closing { log_odds: 6.9, odds_outweigh_misfit: true, tolerance_m2: 0.0, evidence }
+    }
+
+    #[test]
+    fn sightings_of_neighbours_that_were_exchanged_for_a_while_change_back() {
+        let taken = |step: usize, k: usize| if k < 2 && (20..30).contains(&step) { 1 - k as u32 } else { k as u32 };
+        solved(taken, |mut graph, mode| {
+            let before = mode.cost;
+            let mut normal = vec![[0.0; LANES]; mode.factor.size()];
+            let (after, thoughts) = graph.reassociate(mode, &closing(&|_| Some(0.0)), &mut normal);
+            // Noise exchanges one or the other in a scan where they stand in one direction.
+            let right = thoughts.moved.iter().filter(|moved| (60..90).contains(&moved.sighting)).count();
+            assert!(right >= 18 && thoughts.moved.len() <= right + 8, "{:?}", thoughts.moved);
+            assert!(thoughts.moved.iter().all(|moved| moved.from != moved.to && moved.from.max(moved.to) == 1));
+            assert!(thoughts.gone_over.is_empty() && after.cost < before);
+        });
+    }
+
+    #[test]
+    fn what_may_not_be_taken_for_each_other_stays() {
+        let taken = |step: usize, k: usize| if k < 2 && step < 10 { 1 - k as u32 } else { k as u32 };
+        solved(taken, |mut graph, mode| {
+            let mut normal = vec![[0.0; LANES]; mode.factor.size()];
+            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| None), &mut normal);
+            assert!(thoughts.moved.is_empty());
+        });
+    }
+
+    #[test]
+    fn a_landmark_without_a_sighting_left_goes_over_into_the_one_that_got_most_of_them() {
+        let births = |pairs: &[(u32, u32)]| pairs.iter().copied().collect::<FxHashMap<u32, u32>>();
+        let before = births(&[(0, 5), (1, 5), (2, 5), (3, 2), (4, 1)]);
+        let after = births(&[(0, 2), (1, 1), (2, 2), (3, 2), (4, 2)]);
+        let thoughts = SecondThoughts::between(&before, &after);
+        assert_eq!(thoughts.gone_over, [[5, 2]]);
+        let moved: Vec<[u32; 3]> = thoughts.moved.iter().map(|moved| [moved.sighting, moved.from, moved.to]).collect();
+        assert_eq!(moved, [[0, 5, 2], [1, 5, 1], [2, 5, 2], [4, 1, 2]]);
+    }
+
+    #[test]
+    fn what_is_never_shown_together_beside_is_one_and_what_is_shown_together_is_two() {
+        // Every third sighting of landmark 2 founded another one, 5, which stands beside it.
+        let taken = |step: usize, k: usize| if k == 2 && step % 3 == 2 { 5 } else { k as u32 };
+        solved(taken, |mut graph, mode| {
+            let mut normal = vec![[0.0; LANES]; mode.factor.size()];
+            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| Some(0.0)), &mut normal);
+            assert_eq!(thoughts.gone_over, [[5, 2]], "0 and 1 stand nearer to each other, and are seen together");
+        });
+        solved(taken, |mut graph, mode| {
+            let mut normal = vec![[0.0; LANES]; mode.factor.size()];
+            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| None), &mut normal);
+            assert!(thoughts.gone_over.is_empty());
+        });
+    }
+}
