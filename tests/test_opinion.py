@@ -104,11 +104,11 @@ def made_up(
     return ran
 
 
-def test_where_maps_differ_two_more_seeds_are_tried_and_the_likeliest_is_kept(
+def test_where_maps_differ_two_more_seeds_are_tried_and_the_one_is_kept_that_others_confirm(
     log: Log, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wrong = FIELD_M * [1.4, 0.7]
-    maps = {0: (wrong, -50.0), 1: (FIELD_M, 10.0), 2: (FIELD_M + 0.1, 12.0), 3: (wrong[:9], 0.0)}
+    maps = {0: (wrong, 50.0), 1: (FIELD_M, 10.0), 2: (FIELD_M + 0.1, 12.0), 3: (wrong[:9], 0.0)}
     ran = made_up(log, monkeypatch, maps)
     result = second_opinion(log, UNKNOWN)
     assert sorted(ran) == [0, 1, 2, 3] and result.config["seed"] == 2 and result.verdict == ()
@@ -119,7 +119,7 @@ def test_a_map_that_no_other_run_makes_is_not_believed(log: Log, monkeypatch: py
     maps = {seed: (FIELD_M * [1.0 + 0.4 * seed, 1.0 - 0.2 * seed], float(seed)) for seed in range(4)}
     made_up(log, monkeypatch, maps)
     result = second_opinion(log, UNKNOWN)
-    assert result.config["seed"] == 3 and len(result.verdict) == 1
+    assert len(result.verdict) == 1
     assert result.verdict[0].startswith("4 runs that differ in their seeds came to different maps or paths")
 
 

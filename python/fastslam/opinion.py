@@ -58,8 +58,8 @@ def second_opinion(
     """Runs the filter with the configured seed and beside it, on another core, with the next one.
 
     Where both make the same map the first is the result. Where they do not, two more seeds are tried, and the
-    run that makes the sightings most probable is the result; where its map is like none of the others, its
-    verdict says so. `RunResult.tries` tells what all came to.
+    run with which the others agree most is the result; where it is like none of the others, its verdict says
+    so. `RunResult.tries` tells what all came to.
 
     >>> from fastslam.simulation import simulate
     >>> log = simulate({"seed": 1, "world": {"count": 20}})
@@ -86,8 +86,12 @@ def second_opinion(
     if len(complete) < 2 or len(complete) < len(results):
         # Stopped: what there is, without an opinion on it.
         return replace(results[0], interrupted=len(complete) < len(results))
-    best = results[0] if len(results) == 2 else max(results, key=lambda result: result.log_evidence)
-    tries = tuple(_try(one, 1.0 if one is best else agreement(best, one)) for one in results)
+    shares = [[1.0 if one is other else agreement(one, other) for other in results] for one in results]
+    # Of two that agree the first; of four that with which the others agree most, then the likelier.
+    order = [(sum(shares[i]), result.log_evidence) for i, result in enumerate(results)]
+    chosen = 0 if len(results) == 2 else order.index(max(order))
+    best = results[chosen]
+    tries = tuple(map(_try, results, shares[chosen]))
     kept = replace(best, tries=tries)
     share = agreement_with_next(kept)
     return (
@@ -202,7 +206,7 @@ def _try(result: RunResult, agreement: float | None = None) -> Try:
 
 def _alone(tries: Sequence[Try], share: float) -> str:
     return (
-        f"{len(tries)} runs that differ in their seeds came to different maps or paths: the likeliest, kept, "
+        f"{len(tries)} runs that differ in their seeds came to different maps or paths: the one kept "
         f"has {share:.0%} in common with the next at most"
     )
 
