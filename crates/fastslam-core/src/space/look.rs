@@ -59,7 +59,7 @@ pub struct Eye<'a, M> {
 }
 
 impl<M: Spatial> Eye<'_, M> {
-    /// With p the landmark in the robot's frame, p moves by −ρ + [p]× φ under ξ = (ρ, φ).
+    /// With p the landmark in the robot's frame, p moves by −ρ + `[p]×` φ under ξ = (ρ, φ).
     #[inline(always)]
     pub fn look<R: Real>(&self, stand: &Stand<R>, landmark_in_world: [R; 3], measured: [R; 3]) -> Look<R> {
         let off = [

@@ -213,7 +213,7 @@ impl SpacePose {
     }
 }
 
-/// [v]×: the matrix of the cross product with v.
+/// `[v]×`: the matrix of the cross product with v.
 pub fn skew([x, y, z]: [f64; 3]) -> Rows<f64, 3, 3> {
     [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
 }
