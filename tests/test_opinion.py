@@ -104,15 +104,15 @@ def made_up(
     return ran
 
 
-def test_where_maps_differ_two_more_seeds_are_tried_and_the_one_is_kept_that_others_confirm(
+def test_where_maps_differ_two_more_seeds_run_and_the_likeliest_that_another_confirms_is_kept(
     log: Log, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     wrong = FIELD_M * [1.4, 0.7]
-    maps = {0: (wrong, 50.0), 1: (FIELD_M, 10.0), 2: (FIELD_M + 0.1, 12.0), 3: (wrong[:9], 0.0)}
+    maps = {0: (wrong, 50.0), 1: (FIELD_M, 12.0), 2: (FIELD_M + 0.1, 13.0), 3: (wrong[:9], 0.0)}
     ran = made_up(log, monkeypatch, maps)
     result = second_opinion(log, UNKNOWN)
     assert sorted(ran) == [0, 1, 2, 3] and result.config["seed"] == 2 and result.verdict == ()
-    assert [(one.seed, one.log_evidence, one.landmarks) for one in result.tries][2] == (2, 12.0, 30)
+    assert [(one.seed, one.log_evidence, one.landmarks) for one in result.tries][2] == (2, 13.0, 30)
 
 
 def test_a_map_that_no_other_run_makes_is_not_believed(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:

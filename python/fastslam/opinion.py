@@ -58,8 +58,8 @@ def second_opinion(
     """Runs the filter with the configured seed and beside it, on another core, with the next one.
 
     Where both make the same map the first is the result. Where they do not, two more seeds are tried, and the
-    run with which the others agree most is the result; where it is like none of the others, its verdict says
-    so. `RunResult.tries` tells what all came to.
+    result is the likeliest of those that another one confirms, or where none is, that with which the others
+    agree most; where it is like none of the others, its verdict says so. `RunResult.tries` has all.
 
     >>> from fastslam.simulation import simulate
     >>> log = simulate({"seed": 1, "world": {"count": 20}})
@@ -87,9 +87,7 @@ def second_opinion(
         # Stopped: what there is, without an opinion on it.
         return replace(results[0], interrupted=len(complete) < len(results))
     shares = [[1.0 if one is other else agreement(one, other) for other in results] for one in results]
-    # Of two that agree the first; of four that with which the others agree most, then the likelier.
-    order = [(sum(shares[i]), result.log_evidence) for i, result in enumerate(results)]
-    chosen = 0 if len(results) == 2 else order.index(max(order))
+    chosen = 0 if len(results) == 2 else _chosen(results, shares)
     best = results[chosen]
     tries = tuple(map(_try, results, shares[chosen]))
     kept = replace(best, tries=tries)
@@ -99,6 +97,14 @@ def second_opinion(
         if share is None or share >= DIFFERENT
         else replace(kept, verdict=(*best.verdict, _alone(tries, share)))
     )
+
+
+def _chosen(results: Sequence[RunResult], shares: Sequence[Sequence[float]]) -> int:
+    """The likeliest run that another one confirms; where none is, that with which the others agree most."""
+    confirmed = [i for i, row in enumerate(shares) if sum(share >= AGREED for share in row) > 1]
+    if confirmed:
+        return max(confirmed, key=lambda i: results[i].log_evidence)
+    return max(range(len(results)), key=lambda i: sum(shares[i]))
 
 
 def agreement_with_next(result: RunResult) -> float | None:
