@@ -28,6 +28,9 @@ pub struct Slot {
     pub identity: Option<u32>,
 }
 
+/// Columns of a row at most, with that of names: those of landmarks of four coordinates.
+const MOST_COLUMNS: usize = 16;
+
 /// The population of maps with what all particles have in common: landmarks of `D` coordinates, two or more, of which the
 /// first two are where the spatial index looks for them.
 #[derive(Clone, Serialize, Deserialize)]
@@ -215,10 +218,12 @@ impl<const D: usize> Landmarks<D> {
 
     /// One particle's landmark as this kind of Gaussian, and how often it was seen; `None` where it holds none.
     pub fn held_as<G: GaussianOf<D>>(&self, particle: usize, slot: u32) -> Option<(G, u32)> {
-        let mut row = vec![0.0; self.columns];
-        let found = self.read_row(slot, particle, &mut row);
+        const { assert!(Columns::<D>::COUNT < MOST_COLUMNS) };
+        let mut row = [0.0; MOST_COLUMNS];
+        let row = &mut row[..self.columns];
+        let found = self.read_row(slot, particle, row);
         let count = row[Columns::<D>::SIGHTINGS];
-        (found && count > 0.0).then(|| (Columns::<D>::gaussian_of(&row), count as u32))
+        (found && count > 0.0).then(|| (Columns::<D>::gaussian_of(row), count as u32))
     }
 
     /// One particle's landmark; false when it is absent.
