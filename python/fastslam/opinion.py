@@ -30,7 +30,7 @@ from .watching import Watch
 AGREED = 0.9
 """Two runs that have a larger share of their landmarks in common made the same map."""
 DIFFERENT = 0.8
-"""Where the run that is kept has less in common with each of the others, none is to be believed."""
+"""Runs that have less in common do not confirm each other."""
 GATE = 0.25
 """So much of the distance that is usual to the third neighbour may the same landmark or pose lie apart."""
 NEIGHBOURS = 3
@@ -101,7 +101,7 @@ def second_opinion(
 
 def _chosen(results: Sequence[RunResult], shares: Sequence[Sequence[float]]) -> int:
     """The likeliest run that another one confirms; where none is, that with which the others agree most."""
-    confirmed = [i for i, row in enumerate(shares) if sum(share >= AGREED for share in row) > 1]
+    confirmed = [i for i, row in enumerate(shares) if sum(share >= DIFFERENT for share in row) > 1]
     if confirmed:
         return max(confirmed, key=lambda i: results[i].log_evidence)
     return max(range(len(results)), key=lambda i: sum(shares[i]))
