@@ -138,6 +138,9 @@ def test_a_second_run_that_fails_is_no_opinion_and_a_first_one_that_fails_is_an_
 
     monkeypatch.setattr(opinion, "run", failing(1))
     assert second_opinion(log, UNKNOWN).tries == ()
+    monkeypatch.setattr(opinion, "agreement", lambda _one, _other: 0.1)
+    monkeypatch.setattr(opinion, "run", failing(2))
+    assert [one.seed for one in second_opinion(log, UNKNOWN).tries] == [0, 1], "what there is stays"
     monkeypatch.setattr(opinion, "run", failing(0))
     with pytest.raises(NumericalError, match="no particle"):
         second_opinion(log, UNKNOWN)

@@ -99,7 +99,7 @@ def test_stereo_is_read_as_pixels(tmp_path: Path) -> None:
     assert log.value.tolist() == [[300, 200, 40], [310, 200, -1]]
     result = run(log)
     # 500 px times 0.2 m over 40 px: 2.5 m ahead; a disparity below zero is no point.
-    assert result.landmarks.ids == ("a",) and result.counts["sightings_no_point"] == 1
+    assert result.landmarks.ids == ("a",) and result.counts["sightings_not_finite"] == 1
     assert any("left out" in warning for warning in result.warnings)
     assert set(MEASURED) == {"point", "range_bearing_elevation", "stereo"}
 

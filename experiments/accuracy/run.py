@@ -24,8 +24,7 @@ from fastslam import space
 from fastslam.config import merge, parse_assignments
 from fastslam.datasets import load
 from fastslam.evaluation.metrics import evaluate
-from fastslam.opinion import MOST_TRIES, is_second_run_due, second_opinion
-from fastslam.runner import configure, run
+from fastslam.opinion import MOST_TRIES, run_by_need
 
 METRICS = {
     "landmark_rmse_m": "map [m]",
@@ -85,8 +84,7 @@ def measure(case: Case, data: Path, overrides: dict[str, Any], seed: int) -> dic
     options = {"robot": case.robot, "max_range_m": case.max_range_m}
     log = load(data / case.folder, **{key: value for key, value in options.items() if value is not None})
     settings = merge(overrides, {"seed": seed, "association": {"mode": case.association}})
-    is_due = is_second_run_due(log, configure(log, settings))
-    metrics = evaluate((second_opinion if is_due else run)(log, settings), log)
+    metrics = evaluate(run_by_need(log, settings), log)
     return {name: float(metrics[name]) for name in METRICS if metrics.get(name) is not None}
 
 

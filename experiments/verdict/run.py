@@ -33,8 +33,7 @@ from fastslam.detection import with_sightings
 from fastslam.evaluation import evaluate
 from fastslam.examination import examine
 from fastslam.log import Controls, Floats, Log
-from fastslam.opinion import DIFFERENT, agreement_with_next, is_second_run_due, second_opinion
-from fastslam.runner import configure
+from fastslam.opinion import DIFFERENT, agreement_with_next, run_by_need
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.trust import doubts
 from fastslam.verdict import is_empty
@@ -244,8 +243,7 @@ def measure(case: Case, data: Path) -> dict[str, Any]:
         "association": {"mode": case.association},
     }
     examined = any(finding.severity in ("error", "problem") for finding in examine(log))
-    is_due = is_second_run_due(log, configure(log, settings))
-    result = (second_opinion if is_due else fastslam.run)(log, settings)
+    result = run_by_need(log, settings)
     metrics: dict[str, Any] = dict(evaluate(result, sound))
     found, map_m = metrics["landmarks"], metrics["landmark_rmse_m"]
     false = 1.0 - metrics["landmark_matched"] / found if found else 1.0

@@ -9,22 +9,22 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
-from .detection import with_sightings
 from .errors import ConfigError, FastSlamError
 from .evaluation.align import RigidTransform
 from .evaluation.constellation import find_transform, refine_transform
 from .log import Floats, Log
 from .result import LandmarkMap, RunResult, Trajectory, Try
-from .runner import Progress, configure, run, run_many
+from .runner import Progress, configure, detected, run, run_many
 from .sensors import Sensor
 from .settings import Layer
-from .timing import stage
 from .watching import Watch
 
 AGREED = 0.9
@@ -46,6 +46,19 @@ def is_second_run_due(log: Log, config: Mapping[str, Any]) -> bool:
         return False
     work = len(log.sightings.stamp_s) * int(config["filter"]["particles"])
     return bool(config["association"]["mode"] == "unknown") and work <= MOST_WORK
+
+
+def run_by_need(
+    log: Log,
+    config: Layer | None = None,
+    *,
+    progress: Progress | None = None,
+    watch: Watch | None = None,
+) -> RunResult:
+    """What the command `fastslam run` does by itself: a second opinion where one is due, else one run."""
+    log = detected(log)
+    ask = second_opinion if is_second_run_due(log, configure(log, config or {})) else run
+    return ask(log, config, progress=progress, watch=watch)
 
 
 def second_opinion(
@@ -70,9 +83,7 @@ def second_opinion(
     `progress` counts over the runs that take turns, `watch` sees the first. An interrupted run is returned as
     it is. Errors: as `run`, for the first seed; another one that fails is none of the tries.
     """
-    if log.scans is not None:
-        with stage("detection"):
-            log = with_sightings(log)
+    log = detected(log)
     seed = configure(log, config or {})["seed"]
 
     def advance(done: int, total: int, *, turn: int, turns: int) -> None:
@@ -80,23 +91,32 @@ def second_opinion(
             progress(turn * total + done, turns * total)
 
     results = _beside(log, config, seed, partial(advance, turn=0, turns=1), watch)
-    if len(results) == 2 and agreement(results[0], results[1]) < AGREED:
-        results += _beside(log, config, seed + MOST_TRIES // 2, partial(advance, turn=1, turns=2), None)
+    shares = _shares(results)
+    if len(results) == 2 and shares[0][1] < AGREED:
+        # What fails now has no say; what there is stays.
+        with suppress(FastSlamError):
+            results += _beside(log, config, seed + MOST_TRIES // 2, partial(advance, turn=1, turns=2), None)
     complete = [result for result in results if not result.interrupted]
     if len(complete) < 2 or len(complete) < len(results):
         # Stopped: what there is, without an opinion on it.
         return replace(results[0], interrupted=len(complete) < len(results))
-    shares = [[1.0 if one is other else agreement(one, other) for other in results] for one in results]
+    shares = shares if len(results) == 2 else _shares(results)
     chosen = 0 if len(results) == 2 else _chosen(results, shares)
     best = results[chosen]
     tries = tuple(map(_try, results, shares[chosen]))
     kept = replace(best, tries=tries)
     share = agreement_with_next(kept)
-    return (
-        kept
-        if share is None or share >= DIFFERENT
-        else replace(kept, verdict=(*best.verdict, _alone(tries, share)))
-    )
+    if share is None or share >= DIFFERENT:
+        return kept
+    return replace(kept, verdict=(*best.verdict, _alone(tries, share)))
+
+
+def _shares(results: Sequence[RunResult]) -> list[list[float]]:
+    """How far each run agrees with each other."""
+    shares = np.eye(len(results))
+    for i, j in combinations(range(len(results)), 2):
+        shares[i, j] = shares[j, i] = agreement(results[i], results[j])
+    return [[float(share) for share in row] for row in shares]
 
 
 def _chosen(results: Sequence[RunResult], shares: Sequence[Sequence[float]]) -> int:

@@ -77,6 +77,14 @@ def check_own_settings(log: Log) -> None:
         raise ConfigError(f"{where}: {error}") from None
 
 
+def detected(log: Log) -> Log:
+    """The log with sightings: where it has laser scans instead, landmarks are detected in them."""
+    if log.scans is None:
+        return log
+    with stage("detection"):
+        return with_sightings(log)
+
+
 def run(
     source: Log | Path | str,
     config: Layer | None = None,
@@ -114,9 +122,7 @@ def run(
     configuration; `NumericalError` when the filter cannot go on; `ModelError` for what `sensor` answers.
     """
     log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
-    if log.scans is not None:
-        with stage("detection"):
-            log = with_sightings(log)
+    log = detected(log)
     adapter = adapted(sensor)
     configuration = configure(log, config or {}, own_layer(sensor))
     controls, sightings = log.controls, log.sightings

@@ -61,7 +61,7 @@ pub struct Seen {
 /// Sightings that could not be used, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Skipped {
-    /// Range or bearing is NaN or infinite, or the bearing too large for an angle.
+    /// Holds what is no number, or numbers that no landmark gives: a bearing too large for an angle.
     pub not_finite: u32,
     /// Nearer than the sensor's minimum.
     pub too_near: u32,

@@ -2,8 +2,9 @@
 
 use crate::settings::{from_json, schema_of, to_json, to_python};
 use fastslam_core::normal::Matrix;
+use fastslam_core::sighting::Skipped;
 use fastslam_core::space::{self, SpaceConfig, SpaceEstimate, SpaceLandmark, SpaceLog, SpacePose, SpaceRun};
-use fastslam_core::space::{SpaceSighting, SpaceSkipped, SpaceStep};
+use fastslam_core::space::{SpaceSighting, SpaceStep};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyValueError};
 use pyo3::prelude::*;
@@ -143,7 +144,7 @@ fn to_dict<'py>(py: Python<'py>, run: &SpaceRun, took: Duration) -> PyResult<Bou
         dict.set_item("sensor_ratios", ratios.sensor.to_vec().into_pyarray(py))?;
     }
     dict.set_item("steps", steps(py, &run.steps)?)?;
-    let mut skipped = SpaceSkipped::default();
+    let mut skipped = Skipped::default();
     run.steps.iter().for_each(|step| skipped.add(&step.skipped));
     let counts = PyDict::new(py);
     for (reason, count) in skipped.by_reason() {

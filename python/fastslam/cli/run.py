@@ -139,7 +139,6 @@ def run_log(
     """
     from ..config import load_config, merge, parse_assignments
     from ..datasets.registry import load
-    from ..opinion import is_second_run_due
     from ..runner import configure
 
     in_space = format_in_space(path, format)
@@ -182,7 +181,7 @@ def run_log(
         port = watch_port if watch else None
         with watched(log.name, configuration, port=port, kind="run") as watcher:
             by_need = best_of is None and runs == 1 and checkpoints is None
-            if (best_of or 1) > 1 or (by_need and is_second_run_due(log, configuration)):
+            if by_need or (best_of or 1) > 1:
                 finished = run_tries(log, configuration, results, tries=best_of, watch=watcher)
             else:
                 finished = run_all(
@@ -307,11 +306,11 @@ def run_tries(
     log: Log, config: Config, results: Results, *, tries: int | None, watch: Watch | None = None
 ) -> Finished:
     """Runs with so many seeds from the configured one on, or as many as it takes, and writes what is kept."""
-    from ..opinion import best_of, second_opinion
+    from ..opinion import best_of, run_by_need
 
     with progress_bar(log.name) as advance:
         if tries is None:
-            kept = second_opinion(log, config, progress=advance, watch=watch)
+            kept = run_by_need(log, config, progress=advance, watch=watch)
         else:
             seeds = range(config["seed"], config["seed"] + tries)
             kept = best_of(log, config, seeds=seeds, progress=advance, watch=watch)

@@ -15,7 +15,7 @@ import numpy as np
 from ..errors import DataError
 from ..log import Controls, Floats, Log, Problem, Sightings, TruthLandmarks, TruthTrajectory
 from .clean import clean_controls, clean_sightings
-from .matlab import names_in, read_matrices
+from .matlab import files_with, read_matrices
 from .options import LoadOptions
 
 DEFAULT_MAX_RANGE_M = 5.6
@@ -28,12 +28,12 @@ VARIABLES = frozenset(("t", "r", "b", "v", "om", "d", *_TRUTH, *_VARIANCES))
 
 def matches(path: Path) -> bool:
     """A MATLAB file with this set's variables, or a folder with exactly one such file."""
-    return len(_candidates(path)) == 1
+    return len(files_with(path, VARIABLES)) == 1
 
 
 def load(path: Path, options: LoadOptions) -> Log:
     """Read the set. Errors: DataError for a file without the variables or a limit that is not positive."""
-    candidates = _candidates(path)
+    candidates = files_with(path, VARIABLES)
     if len(candidates) != 1:
         raise DataError("is no MATLAB file with this set's variables, nor a folder of one", path)
     max_range_m = DEFAULT_MAX_RANGE_M if options.max_range_m is None else options.max_range_m
@@ -58,11 +58,6 @@ def load(path: Path, options: LoadOptions) -> Log:
         config=_config(data, max_range_m, truth.T_world_robot[0]),
         problems=((dropped,) if too_far else ()) + control_problems + sighting_problems,
     )
-
-
-def _candidates(path: Path) -> list[Path]:
-    files = [path] if path.is_file() else sorted(path.glob("*.mat"))
-    return [file for file in files if file.suffix == ".mat" and names_in(file) >= VARIABLES]
 
 
 def _read_mat(path: Path) -> dict[str, Any]:

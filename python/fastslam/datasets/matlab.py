@@ -48,6 +48,12 @@ def names_in(path: Path) -> frozenset[str]:
         return frozenset()
 
 
+def files_with(path: Path, names: Collection[str]) -> list[Path]:
+    """The MATLAB files of a folder, or the file itself, that hold all of these names."""
+    files = [path] if path.is_file() else sorted(path.glob("*.mat"))
+    return [file for file in files if file.suffix == ".mat" and names_in(file) >= set(names)]
+
+
 def _is_version_5(data: bytes) -> bool:
     return data[126:128] in (b"IM", b"MI")
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..datasets.matlab import names_in, read_matrices
+from ..datasets.matlab import files_with, read_matrices
 from ..errors import DataError
 from ..log import Floats, Problem
 from .evaluation import quaternions
@@ -28,12 +28,12 @@ VARIABLES = frozenset(
 
 def matches(path: Path) -> bool:
     """A MATLAB file with this set's variables, or a folder with exactly one such file."""
-    return len(_candidates(path)) == 1
+    return len(files_with(path, VARIABLES)) == 1
 
 
 def load(path: Path) -> SpaceLog:
     """Read the set. Errors: DataError for a file without the variables, or of other shapes."""
-    candidates = _candidates(path)
+    candidates = files_with(path, VARIABLES)
     if len(candidates) != 1:
         raise DataError("is no MATLAB file with this set's variables, nor a folder of one", path)
     data = _read_mat(candidates[0])
@@ -60,11 +60,6 @@ def load(path: Path) -> SpaceLog:
         config=_config(data, truth.T_world_robot[0], float(np.median(np.diff(stamp_s)))),
         problems=(Problem("frames in which no point is seen", unseen),),
     )
-
-
-def _candidates(path: Path) -> list[Path]:
-    files = [path] if path.is_file() else sorted(path.glob("*.mat"))
-    return [file for file in files if file.suffix == ".mat" and names_in(file) >= VARIABLES]
 
 
 def _read_mat(path: Path) -> dict[str, Any]:

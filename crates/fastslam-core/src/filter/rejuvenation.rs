@@ -307,8 +307,7 @@ fn close_loops<M: Placing>(
         numbers
     };
     let (mode, mut merges) = graph.close_loops(mode, &closing, normal);
-    let mut numbers = normal(mode.factor.size(), PASSES);
-    let (mode, SecondThoughts { moved, gone_over }) = graph.reassociate(mode, &closing, &mut numbers);
+    let (mode, SecondThoughts { moved, gone_over }) = graph.reassociate(mode, &closing, |size| normal(size, PASSES));
     merges.extend(gone_over);
     (mode, merges, moved)
 }

@@ -91,18 +91,23 @@ impl<M: Placing> Graph<'_, M> {
     /// The landmarks and the mode with the younger of each pair gone over into the older.
     pub(super) fn joined(&self, pairs: &[Pair], mode: &Mode) -> Option<(Vec<Sights>, Mode)> {
         let mut landmarks = self.landmarks.clone();
-        let mut guess = mode.solution.clone();
         for &[older, younger] in pairs {
             let seen = std::mem::take(&mut landmarks[younger].seen);
             landmarks[older].seen.extend(seen);
             landmarks[older].seen.sort_by_key(|seen| seen.sighting);
         }
+        self.solved_with(landmarks, mode)
+    }
+
+    /// The graph's landmarks with other sightings, without those of which nothing is left, and the mode then.
+    pub(super) fn solved_with(&self, mut landmarks: Vec<Sights>, mode: &Mode) -> Option<(Vec<Sights>, Mode)> {
+        let mut guess = mode.solution.clone();
         let mut kept = landmarks.iter().map(Sights::is_left);
         guess.landmarks.retain(|_| kept.next().unwrap_or(false));
         landmarks.retain(Sights::is_left);
-        let closed = Graph { landmarks, ..*self };
-        let new_mode = closed.solve(guess)?;
-        Some((closed.landmarks, new_mode))
+        let graph = Graph { landmarks, ..*self };
+        let mode = graph.solve(guess)?;
+        Some((graph.landmarks, mode))
     }
 
     /// Sets of pairs that are likely enough the same things, the likeliest first; no landmark is in two of them.
@@ -333,15 +338,8 @@ mod tests {
 
     fn close(landmarks: &[[f64; 2]], closing: &Closing<'_>) -> (usize, Vec<[u32; 2]>) {
         let (history, sights, guess) = two_rounds(landmarks);
-        let mut graph = Graph {
-            history: &history,
-            model: &MODEL,
-            T_robot_sensor: Pose::default(),
-            likelihood_exponent: 1.0,
-            first_free: 0,
-            landmarks: sights,
-            effort: &Effort::any(),
-        };
+        let effort = Effort::any();
+        let mut graph = Graph::over(&history, &MODEL, sights, &effort);
         let mode = graph.solve(guess).unwrap();
         let stream = RandomSource::new(2).stream(Purpose::Rejuvenation, 0);
         let (mode, merges) = graph.close_loops(mode, closing, |size, pass| {

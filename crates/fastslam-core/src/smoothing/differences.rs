@@ -4,7 +4,7 @@ use crate::density::LN_TAU;
 use crate::math;
 
 /// Largest squared Mahalanobis distance of two landmarks that may be one: 99.9 % of χ² with two degrees of freedom.
-const GATE: f64 = 13.8;
+pub const GATE: f64 = 13.8;
 
 /// An older and a younger landmark.
 pub type Pair = [usize; 2];

@@ -342,6 +342,15 @@ pub(super) struct View {
 }
 
 #[cfg(test)]
+impl<'a, M> Graph<'a, M> {
+    /// Over these landmarks and all of a past, for a sensor at the robot's origin.
+    pub fn over(history: &'a History, model: &'a M, landmarks: Vec<Sights>, effort: &'a Effort) -> Self {
+        let T_robot_sensor = Pose::default();
+        Self { history, model, T_robot_sensor, likelihood_exponent: 1.0, first_free: 0, landmarks, effort }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::density::Tail;

@@ -95,11 +95,6 @@ mod tests {
         (history, sights, Trajectory { start: Pose::default(), poses })
     }
 
-    fn graph<'a>(history: &'a History, landmarks: Vec<Sights>, effort: &'a Effort) -> Graph<'a, RangeBearing> {
-        let T_robot_sensor = Pose::default();
-        Graph { history, model: &MODEL, T_robot_sensor, likelihood_exponent: 1.0, first_free: 0, landmarks, effort }
-    }
-
     #[test]
     fn a_draw_joins_the_path_before_it_as_odometry_says_and_keeps_its_shape() {
         let (history, _, path) = straight_way(0.0);
@@ -119,7 +114,7 @@ mod tests {
     fn a_landmark_is_guessed_where_the_path_saw_it() {
         let (history, mut sights, path) = straight_way(0.0);
         sights.push(Sights { birth: 7, known: Known::Nothing, seen: Vec::new() });
-        let guess = graph(&history, sights, &Effort::any()).guess(path, |_| [1.0, 2.0]);
+        let guess = Graph::over(&history, &MODEL, sights, &Effort::any()).guess(path, |_| [1.0, 2.0]);
         let [x, y] = guess.landmarks[0];
         assert!((x - 20.0).abs() < 1e-6 && (y - 15.0).abs() < 1e-6, "{x} {y}");
         assert_eq!(guess.landmarks[1], [1.0, 2.0]);
@@ -130,7 +125,7 @@ mod tests {
         // Steps along the valley of what the wheels allow would be a hundred: the first straight one leads uphill.
         let (history, sights, path) = straight_way(0.5);
         let effort = Effort::any();
-        let graph = graph(&history, sights, &effort);
+        let graph = Graph::over(&history, &MODEL, sights, &effort);
         let mode = graph.solve(graph.guess(path, |_| [0.0, 0.0])).unwrap();
         let end = mode.solution.trajectory.poses[STEPS - 1];
         // The truth ends at a heading of 0.5; odometry errs by 0.5 over 40 steps of 0.01, which costs 31 nats.

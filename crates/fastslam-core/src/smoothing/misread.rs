@@ -112,15 +112,7 @@ mod tests {
     fn left_out_of(misread: &[u32]) -> (Vec<u32>, f64, f64) {
         let (mut history, trajectory) = past(misread);
         let effort = Effort::any();
-        let mut graph = Graph {
-            history: &history,
-            model: &MODEL,
-            T_robot_sensor: Pose::default(),
-            likelihood_exponent: 1.0,
-            first_free: 0,
-            landmarks: by_landmark(&history.seen_by(0), |_| true),
-            effort: &effort,
-        };
+        let mut graph = Graph::over(&history, &MODEL, by_landmark(&history.seen_by(0), |_| true), &effort);
         let guess = graph.guess(trajectory, |sights| LANDMARKS[sights.birth as usize]);
         let mode = graph.solve(guess).unwrap();
         let before = mode.cost;

@@ -7,6 +7,7 @@
 //! **Source:** hard expectation maximisation; in a scan each landmark is sighted once.
 
 use super::closing::Closing;
+use super::differences::GATE;
 use super::factor::Lanes;
 use super::graph::{Graph, Known, Mode, Sights};
 use super::history::Seen;
@@ -17,10 +18,6 @@ use rustc_hash::{FxHashMap, FxHashSet};
 const PASSES: usize = 4;
 /// A change must bring its sightings nearer by so much, in squared standard deviations of the sensor.
 const GAIN: f64 = 2.0;
-/// Landmarks stand side by side up to so many standard deviations of a sighting, squared: 99.9 % of χ² with two degrees of
-/// freedom.
-const GATE: f64 = 13.8;
-
 /// A sighting that shows another landmark than was thought.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Moved {
@@ -40,6 +37,9 @@ pub struct SecondThoughts {
     pub gone_over: Vec<[u32; 2]>,
 }
 
+/// Pairs of landmarks by birth, older first, the relation of which is known better than a sighting.
+pub type Related = FxHashSet<[u32; 2]>;
+
 /// A sighting of the scan at hand and the landmark that it is taken for.
 struct Claim {
     landmark: usize,
@@ -47,16 +47,27 @@ struct Claim {
 }
 
 impl<M: Placing> Graph<'_, M> {
-    /// The mode with the sightings where they belong, and which those are; `normal` are standard normal numbers, a row for
-    /// each unknown.
+    /// The mode with the sightings where they belong, and which those are; `normal` gives so many rows of standard normal
+    /// numbers.
     pub fn reassociate(
         &mut self,
         mut mode: Mode,
         closing: &Closing<'_>,
-        normal: &mut [Lanes],
+        normal: impl FnOnce(usize) -> Vec<Lanes>,
     ) -> (Mode, SecondThoughts) {
+        let reach = self.reach();
+        let pairs = self.side_by_side(&reach, &mode);
+        if pairs.is_empty() {
+            return (mode, SecondThoughts::default());
+        }
+        let deviations = self.deviations(&mode, &mut normal(mode.factor.size()));
+        let births = |pair: [usize; 2]| pair.map(|k| self.landmarks[k].birth);
+        // With a loop open the relation of a landmark and the one that was founded anew for it is not known.
+        let is_known =
+            |[a, b]: [usize; 2]| deviations[a].relative(&deviations[b]) <= reach[a].max(reach[b]).powi(2) / GATE;
+        let may_be = |pair| (closing.evidence)(births(pair)).is_some_and(|evidence| evidence >= 0.0);
+        let related = pairs.into_iter().filter(|pair| is_known(*pair) && may_be(*pair)).map(births).collect();
         let before = self.births();
-        let related = self.related(&mode, closing, normal);
         for _ in 0..PASSES {
             let Some((landmarks, moved)) = self.rearranged(&mode, &related) else { break };
             // A landmark less is worth what it takes to make two one.
@@ -66,8 +77,7 @@ impl<M: Placing> Graph<'_, M> {
             }
             (self.landmarks, mode) = (landmarks, moved);
         }
-        let after = self.births();
-        let mut thoughts = SecondThoughts::between(&before, &after);
+        let mut thoughts = SecondThoughts::between(&before, &self.births());
         let (mode, twins) = self.join_twins(mode, closing, &related);
         thoughts.gone_over.extend(twins);
         (mode, thoughts)
@@ -80,9 +90,13 @@ impl<M: Placing> Graph<'_, M> {
     }
 
     /// The landmarks with every scan's sightings where they fit best, and the mode then; `None` where none moves.
-    fn rearranged(&self, mode: &Mode, related: &FxHashSet<[u32; 2]>) -> Option<(Vec<Sights>, Mode)> {
-        let beside =
-            self.beside(&mode.solution.landmarks, |pair| related.contains(&pair.map(|k| self.landmarks[k].birth)));
+    fn rearranged(&self, mode: &Mode, related: &Related) -> Option<(Vec<Sights>, Mode)> {
+        let mut beside = vec![Vec::new(); self.landmarks.len()];
+        for [a, b] in self.related_pairs(mode, related) {
+            beside[a].push(b);
+            beside[b].push(a);
+        }
+        beside.iter_mut().for_each(|others| others.sort_unstable());
         let mut claims: Vec<Claim> = Vec::new();
         for (landmark, sights) in self.landmarks.iter().enumerate().filter(|(k, _)| !beside[*k].is_empty()) {
             claims.extend(sights.seen.iter().map(|&seen| Claim { landmark, seen }));
@@ -93,22 +107,6 @@ impl<M: Placing> Graph<'_, M> {
             changes += self.rearrange(scan, &beside, mode);
         }
         (changes > 0).then(|| self.with_claims(&claims, &beside, mode)).flatten()
-    }
-
-    /// Pairs of landmarks that stand side by side and may look alike, by birth, the relation of which is known better than a
-    /// sighting: with a loop open, a landmark and the one that was founded anew for it are not.
-    pub(super) fn related(&self, mode: &Mode, closing: &Closing<'_>, normal: &mut [Lanes]) -> FxHashSet<[u32; 2]> {
-        let deviations = self.deviations(mode, normal);
-        let births = |pair: [usize; 2]| pair.map(|k| self.landmarks[k].birth);
-        let is_known = |[a, b]: [usize; 2]| {
-            let reach = self.reach(&self.landmarks[a]).max(self.reach(&self.landmarks[b]));
-            deviations[a].relative(&deviations[b]) <= reach * reach / GATE
-        };
-        let beside = self.beside(&mode.solution.landmarks, |pair| {
-            is_known(pair) && (closing.evidence)(births(pair)).is_some_and(|evidence| evidence >= 0.0)
-        });
-        let pairs = beside.iter().enumerate().flat_map(|(a, others)| others.iter().map(move |b| [a, *b]));
-        pairs.filter(|[a, b]| a < b).map(births).collect()
     }
 
     /// Lets the sightings of one scan change places while that brings them nearer; returns how often they did.
@@ -152,48 +150,45 @@ impl<M: Placing> Graph<'_, M> {
             let sights = &mut landmarks[claim.landmark];
             sights.seen.push(Seen { birth: sights.birth, ..claim.seen });
         }
-        let mut guess = mode.solution.clone();
-        let mut kept = landmarks.iter().map(Sights::is_left);
-        guess.landmarks.retain(|_| kept.next().unwrap_or(false));
-        landmarks.retain(Sights::is_left);
-        let rearranged = Graph { landmarks, ..*self };
-        let mode = rearranged.solve(guess)?;
-        Some((rearranged.landmarks, mode))
+        self.solved_with(landmarks, mode)
     }
 
-    /// The landmarks that stand so near to each that their sightings may be taken for one another, and that may be.
-    pub(super) fn beside(&self, places: &[[f64; 2]], may_be: impl Fn([usize; 2]) -> bool) -> Vec<Vec<usize>> {
+    /// Pairs of landmarks that stand so near to each other that their sightings may be taken for one another, and that may
+    /// be.
+    pub(super) fn related_pairs(&self, mode: &Mode, related: &Related) -> Vec<[usize; 2]> {
+        let mut pairs = self.side_by_side(&self.reach(), mode);
+        pairs.retain(|pair| related.contains(&pair.map(|k| self.landmarks[k].birth)));
+        pairs
+    }
+
+    /// Pairs of landmarks of which one is in reach of the other's sightings, in order.
+    fn side_by_side(&self, reach: &[f64], mode: &Mode) -> Vec<[usize; 2]> {
+        let places = &mode.solution.landmarks;
         let mut by_x: Vec<usize> = (0..places.len()).collect();
         by_x.sort_by(|a, b| places[*a][0].total_cmp(&places[*b][0]));
-        let reach: Vec<f64> = self.landmarks.iter().map(|sights| self.reach(sights)).collect();
         let farthest = reach.iter().copied().fold(0.0, f64::max);
-        let mut beside = vec![Vec::new(); places.len()];
+        let mut pairs = Vec::new();
         for (i, &a) in by_x.iter().enumerate() {
             for &b in by_x[i + 1..].iter().take_while(|b| places[**b][0] - places[a][0] <= farthest) {
                 let [dx, dy] = [0, 1].map(|axis| places[a][axis] - places[b][axis]);
-                let near = dx.hypot(dy) <= reach[a].max(reach[b]) && reach[a].min(reach[b]) > 0.0;
-                if near && may_be([a.min(b), a.max(b)]) {
-                    beside[a].push(b);
-                    beside[b].push(a);
+                if dx.hypot(dy) <= reach[a].max(reach[b]) && reach[a].min(reach[b]) > 0.0 {
+                    pairs.push([a.min(b), a.max(b)]);
                 }
             }
         }
-        beside.iter_mut().for_each(|others| others.sort_unstable());
-        beside
+        pairs.sort_unstable();
+        pairs
     }
 
-    /// How far from a landmark its sightings may lie, metres; 0 for one of which something is known beside them.
-    fn reach(&self, sights: &Sights) -> f64 {
+    /// How far from each landmark its sightings may lie, metres; 0 for one of which something is known beside them.
+    fn reach(&self) -> Vec<f64> {
         let variance = |seen: &Seen| {
             let measured = self.history.sighting(seen.sighting);
             self.model.position_variance(measured.value, measured.noise)
         };
-        let most = sights.seen.iter().map(variance).fold(0.0, f64::max);
-        if matches!(sights.known, Known::Nothing) {
-            (GATE * most).sqrt()
-        } else {
-            0.0
-        }
+        let most = |sights: &Sights| sights.seen.iter().map(variance).fold(0.0, f64::max);
+        let known = |sights: &Sights| !matches!(sights.known, Known::Nothing);
+        self.landmarks.iter().map(|sights| if known(sights) { 0.0 } else { (GATE * most(sights)).sqrt() }).collect()
     }
 }
 
@@ -261,19 +256,16 @@ mod tests {
             history.step_done();
         }
         let effort = Effort::any();
-        let graph = Graph {
-            history: &history,
-            model: &MODEL,
-            T_robot_sensor: Pose::default(),
-            likelihood_exponent: 1.0,
-            first_free: 0,
-            landmarks: by_landmark(&history.seen_by(0), |_| true),
-            effort: &effort,
-        };
+        let graph = Graph::over(&history, &MODEL, by_landmark(&history.seen_by(0), |_| true), &effort);
         let landmarks = graph.landmarks.iter().map(|sights| PLACES[sights.birth as usize % 3]).collect();
         let guess = Solution { trajectory: Trajectory { start: Pose::default(), poses }, landmarks };
         let mode = graph.solve(guess).unwrap();
         ask(graph, mode)
+    }
+
+    /// Draws that are all the mode.
+    fn still(size: usize) -> Vec<Lanes> {
+        vec![[0.0; LANES]; size]
     }
 
     fn closing(evidence: &dyn Fn([u32; 2]) -> Option<f64>) -> Closing<'_> {
@@ -285,8 +277,7 @@ mod tests {
         let taken = |step: usize, k: usize| if k < 2 && (20..30).contains(&step) { 1 - k as u32 } else { k as u32 };
         solved(taken, |mut graph, mode| {
             let before = mode.cost;
-            let mut normal = vec![[0.0; LANES]; mode.factor.size()];
-            let (after, thoughts) = graph.reassociate(mode, &closing(&|_| Some(0.0)), &mut normal);
+            let (after, thoughts) = graph.reassociate(mode, &closing(&|_| Some(0.0)), still);
             // Noise exchanges one or the other in a scan where they stand in one direction.
             let right = thoughts.moved.iter().filter(|moved| (60..90).contains(&moved.sighting)).count();
             assert!(right >= 18 && thoughts.moved.len() <= right + 8, "{:?}", thoughts.moved);
@@ -299,8 +290,7 @@ mod tests {
     fn what_may_not_be_taken_for_each_other_stays() {
         let taken = |step: usize, k: usize| if k < 2 && step < 10 { 1 - k as u32 } else { k as u32 };
         solved(taken, |mut graph, mode| {
-            let mut normal = vec![[0.0; LANES]; mode.factor.size()];
-            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| None), &mut normal);
+            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| None), still);
             assert!(thoughts.moved.is_empty());
         });
     }
@@ -321,13 +311,11 @@ mod tests {
         // Every third sighting of landmark 2 founded another one, 5, which stands beside it.
         let taken = |step: usize, k: usize| if k == 2 && step % 3 == 2 { 5 } else { k as u32 };
         solved(taken, |mut graph, mode| {
-            let mut normal = vec![[0.0; LANES]; mode.factor.size()];
-            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| Some(0.0)), &mut normal);
+            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| Some(0.0)), still);
             assert_eq!(thoughts.gone_over, [[5, 2]], "0 and 1 stand nearer to each other, and are seen together");
         });
         solved(taken, |mut graph, mode| {
-            let mut normal = vec![[0.0; LANES]; mode.factor.size()];
-            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| None), &mut normal);
+            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| None), still);
             assert!(thoughts.gone_over.is_empty());
         });
     }

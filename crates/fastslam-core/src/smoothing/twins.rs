@@ -5,15 +5,13 @@
 //! they are one: who sees one of two that stand so near sees the other as well, as often as neighbours further away.
 
 use super::closing::{seen_together, Closing, RARE};
+use super::differences::GATE;
 use super::graph::{Graph, Mode};
+use super::second_thoughts::Related;
 use crate::diagnosis::looks::is_another_look;
 use crate::math;
 use crate::measurement::Placing;
-use rustc_hash::FxHashSet;
 
-/// Largest squared distance of a sighting from the other landmark, in standard deviations of the sensor: 99.9 % of χ² with
-/// two degrees of freedom.
-const GATE: f64 = 13.8;
 /// Neighbours that say how often two landmarks are sighted together.
 const NEIGHBOURS: usize = 3;
 /// Sightings of a landmark, at least, that say something of that.
@@ -28,14 +26,10 @@ struct Twins {
 impl<M: Placing> Graph<'_, M> {
     /// Makes twins one where what the scans show outweighs that the problem fits worse; returns the mode with them, and
     /// the births of which landmark went over into which (younger, older).
-    pub fn join_twins(
-        &mut self,
-        mut mode: Mode,
-        closing: &Closing<'_>,
-        related: &FxHashSet<[u32; 2]>,
-    ) -> (Mode, Vec<[u32; 2]>) {
+    pub fn join_twins(&mut self, mut mode: Mode, closing: &Closing<'_>, related: &Related) -> (Mode, Vec<[u32; 2]>) {
         let mut merges = Vec::new();
-        let mut twins = self.twins(&mode, closing, related);
+        let pairs = self.related_pairs(&mode, related);
+        let mut twins: Vec<Twins> = pairs.into_iter().filter_map(|pair| self.as_twins(pair, &mode, closing)).collect();
         twins.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
         for Twins { births, log_odds } in twins {
             let place = |birth: u32| self.landmarks.iter().position(|sights| sights.birth == birth);
@@ -47,14 +41,6 @@ impl<M: Placing> Graph<'_, M> {
             }
         }
         (mode, merges)
-    }
-
-    /// All that may be twins, of those whose relation is known.
-    fn twins(&self, mode: &Mode, closing: &Closing<'_>, related: &FxHashSet<[u32; 2]>) -> Vec<Twins> {
-        let is_related = |pair: [usize; 2]| related.contains(&pair.map(|k| self.landmarks[k].birth));
-        let beside = self.beside(&mode.solution.landmarks, is_related);
-        let pairs = beside.iter().enumerate().flat_map(|(a, others)| others.iter().map(move |b| [a, *b]));
-        pairs.filter(|[a, b]| a < b).filter_map(|pair| self.as_twins(pair, mode, closing)).collect()
     }
 
     /// The pair, where nothing speaks against it but the scans for it.

@@ -31,7 +31,7 @@ pub use estimate::{SpaceEstimate, SpaceLandmark};
 pub use pose::{Rotation, SpacePose, Twist};
 pub use run::{run, Columns, SpaceLog, SpaceRun};
 pub use settings::{SpaceConfig, SpaceSensorModel};
-pub use sighting::{SpaceSighting, SpaceSkipped};
+pub use sighting::SpaceSighting;
 pub use step::SpaceStep;
 
 use crate::error::Result;

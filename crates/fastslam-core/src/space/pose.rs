@@ -189,16 +189,7 @@ impl SpacePose {
     /// Ad(T): T Exp(ξ) = Exp(Ad(T) ξ) T.
     pub fn adjoint(self) -> Rows<f64, 6, 6> {
         let turn = self.rotation.matrix();
-        let lever = multiply(&skew(self.position), &turn);
-        let mut out = [[0.0; 6]; 6];
-        for i in 0..3 {
-            for j in 0..3 {
-                out[i][j] = turn[i][j];
-                out[i][3 + j] = lever[i][j];
-                out[3 + i][3 + j] = turn[i][j];
-            }
-        }
-        out
+        twice(&turn, &multiply(&skew(self.position), &turn))
     }
 
     /// Whether all its numbers are finite.
@@ -221,12 +212,16 @@ pub fn skew([x, y, z]: [f64; 3]) -> Rows<f64, 3, 3> {
 /// ad(ξ): the derivative of Ad(Exp(ξ)) at zero.
 pub fn small_adjoint(twist: &Twist) -> Rows<f64, 6, 6> {
     let [x, y, z, a, b, c] = *twist;
-    let (shift, turn) = (skew([x, y, z]), skew([a, b, c]));
+    twice(&skew([a, b, c]), &skew([x, y, z]))
+}
+
+/// The matrix that turns both parts of a twist, and takes something of the second to the first.
+fn twice(turn: &Rows<f64, 3, 3>, across: &Rows<f64, 3, 3>) -> Rows<f64, 6, 6> {
     let mut out = [[0.0; 6]; 6];
     for i in 0..3 {
         for j in 0..3 {
             out[i][j] = turn[i][j];
-            out[i][3 + j] = shift[i][j];
+            out[i][3 + j] = across[i][j];
             out[3 + i][3 + j] = turn[i][j];
         }
     }

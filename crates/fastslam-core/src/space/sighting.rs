@@ -4,7 +4,7 @@ use super::map::Measured;
 use super::sensor::Spatial;
 use super::settings::SpaceSensor;
 use crate::normal::{Cholesky, Matrix, Normal};
-use serde::{Deserialize, Serialize};
+use crate::sighting::Skipped;
 
 /// One detection of a landmark in space.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,56 +24,13 @@ impl SpaceSighting {
     }
 }
 
-/// Sightings that could not be used, by reason.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SpaceSkipped {
-    /// Holds what is no number, or no point makes it.
-    pub no_point: u32,
-    /// Nearer than the sensor's minimum.
-    pub too_near: u32,
-    /// Farther than the sensor's maximum.
-    pub too_far: u32,
-    /// Without a name.
-    pub without_identity: u32,
-    /// With a covariance of its own that is none.
-    pub bad_covariance: u32,
-}
-
-impl SpaceSkipped {
-    /// Name and number of each reason.
-    pub fn by_reason(&self) -> [(&'static str, u32); 5] {
-        let Self { no_point, too_near, too_far, without_identity, bad_covariance } = *self;
-        [
-            ("no_point", no_point),
-            ("too_near", too_near),
-            ("too_far", too_far),
-            ("without_identity", without_identity),
-            ("bad_covariance", bad_covariance),
-        ]
-    }
-
-    /// Counts those of another step as well.
-    pub fn add(&mut self, step: &Self) {
-        self.no_point += step.no_point;
-        self.too_near += step.too_near;
-        self.too_far += step.too_far;
-        self.without_identity += step.without_identity;
-        self.bad_covariance += step.bad_covariance;
-    }
-
-    /// All of them.
-    pub fn total(&self) -> u32 {
-        self.by_reason().iter().map(|(_, count)| count).sum()
-    }
-}
-
 /// The usable sightings with their names; the others are counted.
 pub fn usable(
     sightings: &[SpaceSighting],
     model: &impl Spatial,
     sensor: &SpaceSensor,
-) -> (Vec<(u32, Measured)>, SpaceSkipped) {
-    let mut skipped = SpaceSkipped::default();
+) -> (Vec<(u32, Measured)>, Skipped) {
+    let mut skipped = Skipped::default();
     let mut out = Vec::with_capacity(sightings.len());
     for sighting in sightings {
         let noise = sighting.noise.unwrap_or_else(|| model.noise());
@@ -81,7 +38,7 @@ pub fn usable(
         let point = if finite { model.inverse(sighting.value) } else { None };
         let range_m = point.map(|[x, y, z]| (x * x + y * y + z * z).sqrt()).filter(|range_m| !range_m.is_nan());
         match (sighting.identity, range_m) {
-            (_, None) => skipped.no_point += 1,
+            (_, None) => skipped.not_finite += 1,
             (_, Some(range_m)) if range_m < sensor.min_range_m => skipped.too_near += 1,
             (_, Some(range_m)) if range_m > sensor.max_range_m => skipped.too_far += 1,
             (None, _) => skipped.without_identity += 1,

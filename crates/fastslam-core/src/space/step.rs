@@ -9,13 +9,14 @@ use super::past::Heard;
 use super::pose::SpacePose;
 use super::propose::{Motion, Proposal, Scene};
 use super::sensor::Spatial;
-use super::sighting::{merged, usable, SpaceSighting, SpaceSkipped};
+use super::sighting::{merged, usable, SpaceSighting};
 use super::state::{column, of_lane};
 use super::wide::{Wide, LANES};
 use super::{SpaceSlam, TO_DRAW};
 use crate::error::{Error, Result};
 use crate::random::Purpose;
 use crate::resampling::{resample, ResamplingScheme};
+use crate::sighting::Skipped;
 use crate::vector::vectorized;
 use crate::weights::Weights;
 
@@ -30,7 +31,7 @@ pub struct SpaceStep {
     /// Landmarks that were created.
     pub new_landmarks: u32,
     /// Sightings that changed nothing.
-    pub skipped: SpaceSkipped,
+    pub skipped: Skipped,
     /// 1 / Σ weight², before resampling.
     pub effective_sample_size: f64,
     /// Increment of the log evidence.
