@@ -104,6 +104,20 @@ def test_stereo_is_read_as_pixels(tmp_path: Path) -> None:
     assert set(MEASURED) == {"point", "range_bearing_elevation", "stereo"}
 
 
+def test_a_log_in_which_nothing_is_seen_again_says_so(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "log")
+    header, *lines = (path / "sightings.csv").read_text().splitlines()
+    once = [line for number, line in enumerate(lines) if line.split(",")[1] not in _names(lines[:number])]
+    (path / "sightings.csv").write_text("\n".join([header, *once]) + "\n")
+    result = run(load(path))
+    assert len(result.landmarks.ids) == len(once) > 0
+    assert any(warning.startswith("no landmark was seen twice") for warning in result.warnings)
+
+
+def _names(lines: list[str]) -> set[str]:
+    return {line.split(",")[1] for line in lines}
+
+
 def test_covariances_of_sightings_are_heeded(tmp_path: Path) -> None:
     path = write_log(tmp_path / "log")
     lines = (path / "sightings.csv").read_text().splitlines()

@@ -22,7 +22,9 @@ def warnings_of(result: SpaceResult, log: SpaceLog) -> tuple[str, ...]:
     if len(result.landmarks.ids) == 0:
         return (*found, "no landmark was mapped: no sighting names one, or none could be used")
     ratio = result.innovation_ratio
-    if ratio > LARGEST_RATIO:
+    if np.isnan(ratio):
+        found.append("no landmark was seen twice, so nothing corrects the odometry")
+    elif ratio > LARGEST_RATIO:
         lost = "lost: " if ratio > LOST_RATIO else ""
         found.append(
             f"{lost}sightings lie {np.sqrt(ratio):.1f} times as far off as their noise says: "
