@@ -18,7 +18,7 @@ from typing import Any
 
 import typer
 from fastslam import config, detection, simulation
-from fastslam.cli import app
+from fastslam.cli import application
 from fastslam.limits import OF_SETTINGS
 from fastslam.settings import KeyInfo
 
@@ -28,7 +28,7 @@ NOTE = "<!-- Written by docs/generate.py: change the code, then run `make docs`.
 
 def cli_page() -> str:
     """Every command with its arguments and options."""
-    group = typer.main.get_command(app)
+    group = typer.main.get_command(application())
     parts = [f"# Command line\n\n{NOTE}\n{group.help}\n\n{group.epilog}\n"]
     parts += [_command_section(f"fastslam {name}", command) for name, command in _commands(group)]
     return "\n".join(parts)

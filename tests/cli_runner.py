@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fastslam.cli import app
+from fastslam.cli import application
 from typer.testing import CliRunner
 
 
@@ -37,7 +37,7 @@ def _runner() -> CliRunner:
 
 def fastslam(*arguments: object) -> Outcome:
     """Runs `fastslam ARGUMENTS...`; an unexpected exception of the command is raised here."""
-    result = _runner().invoke(app, [str(argument) for argument in arguments], prog_name="fastslam")
+    result = _runner().invoke(application(), [str(argument) for argument in arguments], prog_name="fastslam")
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return Outcome(result.exit_code, result.stdout, result.stderr)

@@ -11,7 +11,7 @@ import pytest
 import typer
 import yaml
 from cli_runner import fastslam
-from fastslam.cli import app
+from fastslam.cli import application
 from fastslam.config import Config
 from fastslam.datasets import FORMATS
 from small_log import LANDMARKS_M, write_small_log
@@ -35,7 +35,7 @@ def test_help_has_worked_examples(command: str) -> None:
 
 def test_every_option_is_spelled_in_small_letters() -> None:
     # Some versions of typer take a metavar that equals the option's name in capitals for its name.
-    group: Any = typer.main.get_command(app)
+    group: Any = typer.main.get_command(application())
     commands = [
         command
         for entry in group.commands.values()

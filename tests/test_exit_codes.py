@@ -11,7 +11,7 @@ from pathlib import Path
 import fastslam as package
 import pytest
 from cli_runner import fastslam
-from fastslam.cli import app
+from fastslam.cli import application
 from small_log import write_small_log
 from typer.main import get_command
 
@@ -86,7 +86,7 @@ def test_2_when_it_was_asked_wrongly(command: str, places: dict[str, str], tmp_p
 
 
 def test_every_command_is_tried() -> None:
-    commands = set(get_command(app).commands)  # type: ignore[attr-defined]
+    commands = set(get_command(application()).commands)  # type: ignore[attr-defined]
     assert commands == {*DONE, *FAILED, *USAGE}, commands
 
 

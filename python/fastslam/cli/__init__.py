@@ -1,5 +1,5 @@
 """The command line: a thin layer over the public functions of the package."""
 
-from .app import app, main
+from .app import application, main
 
-__all__ = ["app", "main"]
+__all__ = ["application", "main"]

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from .console import stdout
+from .console import width_of_stdout
 from .encoding import as_document
 from .options import ConfigFile, Format, Robot, Run, Settings
-from .output import keys_table
+from .output import keys_text
 
-app = typer.Typer(help="Print, check and explain configurations.")
+app = typer.Typer()
 
 
 @app.command(short_help="Print the effective configuration as YAML.")
@@ -68,4 +69,4 @@ def explain_keys(
     """
     from ..config import explain
 
-    stdout().print(keys_table(explain(key)))
+    sys.stdout.write(keys_text(explain(key), width_of_stdout()))

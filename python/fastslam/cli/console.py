@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -29,8 +30,16 @@ def _console(stream: TextIO) -> Console:
     from rich.console import Console
 
     # Made anew each time: tests and embedding programs replace the streams. Rich reads COLUMNS.
-    known = stream.isatty() or os.environ.get("COLUMNS", "").isdigit()
-    return Console(file=stream, width=None if known else _WIDTH_WITHOUT_TERMINAL)
+    return Console(file=stream, width=None if _has_width(stream) else _WIDTH_WITHOUT_TERMINAL)
+
+
+def width_of_stdout() -> int:
+    """So many signs a line has room for: those of COLUMNS or of the terminal, where there is one."""
+    return shutil.get_terminal_size().columns if _has_width(sys.stdout) else _WIDTH_WITHOUT_TERMINAL
+
+
+def _has_width(stream: TextIO) -> bool:
+    return stream.isatty() or os.environ.get("COLUMNS", "").isdigit()
 
 
 def progress_bar(

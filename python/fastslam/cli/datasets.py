@@ -9,7 +9,7 @@ import typer
 
 from .console import make_table, stdout
 
-app = typer.Typer(help="List and fetch public logs.")
+app = typer.Typer()
 
 
 @app.command("list", short_help="List formats and public logs.")

@@ -14,7 +14,7 @@ from .options import Json
 if TYPE_CHECKING:
     from ..mapmerge import Part
 
-app = typer.Typer(help="Look at maps that are kept; check, draw, edit, compare, join and export them.")
+app = typer.Typer()
 
 MapPath = Annotated[Path, typer.Argument(help="Map: a folder, or a table of landmarks.", metavar="MAP")]
 Landmarks = Annotated[list[str] | None, typer.Option(metavar="ID,ID", help="Landmarks that are taken out.")]

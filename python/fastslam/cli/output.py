@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -53,15 +54,16 @@ def read_log_reference(folder: Path) -> LogReference:
         raise DataError("is no note of a log: name the log with --truth", path) from None
 
 
-def keys_table(keys: Sequence[KeyInfo]) -> Table:
-    """One row per configuration key: its default, what it may be and what it means."""
-    rows = [(info.name, json.dumps(info.default), _meaning(info)) for info in keys]
-    return make_table("", ("!key", "default", "meaning"), rows)
+def keys_text(keys: Sequence[KeyInfo], width: int) -> str:
+    """Every configuration key with its default, and under it what it may be and what it means."""
+    return "".join(f"{info.name}: {json.dumps(info.default)}\n{_meaning(info, width)}\n" for info in keys)
 
 
-def _meaning(info: KeyInfo) -> str:
+def _meaning(info: KeyInfo, width: int) -> str:
     only_for = f"Only for {info.only_for}. " if info.only_for else ""
-    return f"{info.type}. {only_for}{info.description}"
+    text = f"{info.type}. {only_for}{info.description}"
+    indent = "    "
+    return textwrap.fill(text, max(width, 20), initial_indent=indent, subsequent_indent=indent)
 
 
 def metrics_table(title: str, metrics: Metrics) -> Table:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from .._core import simulation_presets
-from .console import stdout
+from .console import width_of_stdout
 from .options import ConfigFile, Seed, Settings
-from .output import keys_table
+from .output import keys_text
 from .space import IN_SPACE, refuse, simulate_in_space
 
 SETTINGS_FILE = "simulation.yaml"
@@ -31,7 +32,7 @@ def _explain(wanted: bool) -> None:
     if wanted:
         from ..simulation import SCHEMA
 
-        stdout().print(keys_table(SCHEMA.explain()))
+        sys.stdout.write(keys_text(SCHEMA.explain(), width_of_stdout()))
         raise typer.Exit
 
 
