@@ -50,7 +50,7 @@ def test_the_page_shows_each_by_name_and_loads_nothing(truth: bool) -> None:
         group_results([scored("<a>", truth=truth), scored("b", particles=10, truth=truth)])
     )
     found = read_page(page)
-    assert found.tags.count("svg") == 1
+    assert found.tags.count("svg") == 2
     assert "script" not in found.tags and "link" not in found.tags
     assert len(found.addresses) > 0 and all(address.startswith("#") for address in found.addresses)
     assert "&lt;a&gt;" in page and "<a>" not in page

@@ -14,6 +14,7 @@ import pytest
 from fabricate import make_log, make_map, make_run, make_steps, truth_path
 from fastslam.evaluation import evaluate
 from fastslam.log import Log, Problem
+from fastslam.page_svg import themed_svg
 from fastslam.plots import (
     house_style,
     make_figures,
@@ -185,7 +186,7 @@ def make_page(log: Log | None = None, run: RunResult | None = None) -> str:
 def test_the_page_loads_nothing_from_elsewhere() -> None:
     page = make_page()
     found = read_page(page)
-    assert found.tags.count("svg") == 5
+    assert found.tags.count("svg") == 6
     assert "script" not in found.tags and "link" not in found.tags
     assert len(found.addresses) > 0
     assert all(address.startswith(("#", "data:image/png;base64,")) for address in found.addresses)
@@ -349,3 +350,28 @@ def test_a_run_that_was_stopped_or_never_judged_is_not_called_good() -> None:
     unjudged = replace(steps, health=np.zeros(200, dtype=np.int64))
     page = make_page(run=replace(make_run(), steps=unjudged))
     assert "Too little was seen again to judge this run." in page
+
+
+def test_a_phone_gets_a_map_whose_letters_it_can_show() -> None:
+    """At 390 pixels a figure is 340 wide: letters of 8 points are then as many pixels high on 4 inches."""
+    page = make_page()
+    wide, small = (
+        float(re.search(rf'class="{name}"[^>]*? width="([0-9.]+)pt"', page).group(1))  # type: ignore[union-attr]
+        for name in ("of-map", "of-small-map")
+    )
+    assert small < 300.0 < wide
+    style = page[page.index("<style>") : page.index("</style>")]
+    assert "figure .of-small-map { display: none; }" in style
+    assert style.index("max-width: 600px") < style.index("figure .of-small-map { display: block; }")
+    identities = re.findall(r' id="([^"]+)"', page)
+    assert len(identities) == len(set(identities)) > 100
+
+
+def test_marks_of_one_look_say_it_once() -> None:
+    mark = '<use xlink:href="#m" x="{}" y="2.987654" style="fill: #0072b2"/>'
+    row = "".join(mark.format(x) for x in ("1.234567", "3.5"))
+    slim = themed_svg(f'<svg width="8pt"><g clip-path="url(#p)">\n{row}\n</g></svg>', "map")
+    assert '<use href="#map-m" x="1.23" y="2.98"/><use href="#map-m" x="3.5" y="2.98"/></g>' in slim
+    assert slim.count("style=") == 1 and 'style="fill: var(--live)"' in slim
+    other = row.replace("#0072b2", "#123456", 1)
+    assert themed_svg(f"<svg><g>{other}</g></svg>", "map").count("style=") == 2

@@ -14,7 +14,8 @@ from .evaluation import Evaluation, Metrics
 from .evaluation.display import format_metric, metric_unit
 from .evaluation.runs import summarize
 from .log import Log
-from .report import render_page, themed_svg
+from .page_svg import themed_svg
+from .report import render_page
 from .result import RunResult
 from .resultfiles import write_atomically
 from .verdict import warnings_of
@@ -120,6 +121,7 @@ def render_comparison(groups: Sequence[Group]) -> str:
     from .plots import comparison_figure, render
 
     names = [group.name for group in groups]
+    maps = (("map", comparison_figure(groups)), ("small-map", comparison_figure(groups, width_in=4.0)))
     settings = differing_settings(groups)
     logs = list(dict.fromkeys(group.first.result.log_name for group in groups))
     return render_page(
@@ -127,7 +129,7 @@ def render_comparison(groups: Sequence[Group]) -> str:
         title=escape(f"{', '.join(logs)}: {len(groups)} results compared"),
         facts=escape(" · ".join(_facts(group) for group in groups)),
         warnings=_different_logs(groups) + "".join(_warnings(group) for group in groups),
-        map=themed_svg(render(comparison_figure(groups), "svg").decode(), "comparison"),
+        map="".join(themed_svg(render(figure, "svg").decode(), name) for name, figure in maps),
         metrics=_table("metric", names, compared_metrics(groups), units=True),
         settings=_table("setting", names, settings) if settings else "<p>They differ in no setting.</p>",
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib import resources
@@ -16,6 +15,7 @@ from .evaluation.display import MetricRow, format_metric, format_number, metric_
 from .evaluation.metrics import METRIC_UNITS, particle_count
 from .health import health_summary
 from .log import Log
+from .page_svg import themed_svg
 from .report_landmarks import hover_layer, landmark_table
 from .result import RunResult
 from .resultfiles import REPORT_FILE, config_yaml, write_atomically
@@ -80,11 +80,11 @@ def render_report(
 ) -> str:
     """The report as HTML text; arguments as those of `write_report`."""
     # Imported here so that scoring and result files work where Matplotlib is not installed.
-    from .plots import make_figures
+    from .plots import make_figures, map_figure
 
     found = evaluate_run(result, log) if evaluation is None else evaluation
     made = make_figures(result, log, evaluation=found) if figures is None else figures
-    blocks = _figures(result, made)
+    blocks = _figures(result, made, map_figure(result, log, evaluation=found, width_in=4.0))
     return render_page(
         "report_page.html",
         title=escape(f"{log.name}: map and path"),
@@ -172,8 +172,8 @@ def _card(text: str, unit: str, label: str) -> str:
     return f'<div class="card"><b>{escape(text)} <small>{escape(unit)}</small></b><span>{label}</span></div>'
 
 
-def _figures(result: RunResult, figures: Mapping[str, Figure]) -> dict[str, str]:
-    """The figures as HTML, by name."""
+def _figures(result: RunResult, figures: Mapping[str, Figure], small_map: Figure) -> dict[str, str]:
+    """The figures as HTML, by name; of the map there are two, one of which each page shows."""
     from .plots import render
 
     blocks = {}
@@ -181,30 +181,10 @@ def _figures(result: RunResult, figures: Mapping[str, Figure]) -> dict[str, str]
         svg = themed_svg(render(figure, "svg").decode(), name)
         if name == "map":
             svg = svg.replace("</svg>", f"{hover_layer(figure, result.landmarks)}</svg>")
+            svg += themed_svg(render(small_map, "svg").decode(), "small-map")
         kind = ' class="whole"' if name == "map" else ""
         blocks[name] = f"<figure{kind}>{svg}<figcaption>{_CAPTIONS[name]}</figcaption></figure>"
     return blocks
-
-
-_DECIMALS = re.compile(r"(\.\d\d)\d+")
-"""What the outline of a mark does not need: a hundredth of a point is enough."""
-
-
-def themed_svg(svg: str, name: str) -> str:
-    """SVG ready to stand in the page: its greys follow the page's theme, its ids are its own, it is short."""
-    from .plots import style
-
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r' d="[^"]*"', lambda path: _DECIMALS.sub(r"\1", path.group()), svg)
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    colors = {style.INK: "ink", style.MUTED: "axis", style.GRID: "grid", style.TRUTH: "truth"}
-    colors |= {style.PAPER: "paper", style.LIVE: "live"}
-    for color, variable in colors.items():
-        svg = svg.replace(color, f"var(--{variable})")
-    svg = re.sub(r'id="([^"]+)"', rf'id="{name}-\1"', svg)
-    svg = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', svg)
-    svg = re.sub(r"url\(#([^)]+)\)", rf"url(#{name}-\1)", svg)
-    return svg.replace("<svg ", f'<svg role="img" aria-label="{escape(name.replace("_", " "))}" ', 1)
 
 
 def _metrics_tables(metrics: Metrics) -> str:

@@ -15,9 +15,7 @@ from .encoding import never_fail_to_print
 from .errors import OneLineErrors
 
 _HELP = "Landmark SLAM by Rao-Blackwellized particle filtering: a log goes in, a map and a path come out."
-_CODES = (
-    "Exit codes: 0 done, 1 run failed, 2 usage or configuration, 130 interrupted (results are kept)."
-)
+_CODES = "Exit codes: 0 done, 1 run failed, 2 usage or configuration, 130 interrupted (results are kept)."
 _COMMANDS = {
     "demo": ("demo.demo", "Simulate a world, run the filter, write a report."),
     "run": ("run.run_log", "Run the filter over a log: map, path, numbers, report."),

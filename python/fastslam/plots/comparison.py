@@ -18,24 +18,32 @@ _MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*")
 """One for each group, so that colour is not all that tells them apart."""
 
 _LONGEST_NAME = 40
+_PATH = "path of "
 
 
-def comparison_figure(groups: Sequence[Group]) -> Figure:
-    """The first result of each group, all in the frame of the truth where there is one."""
+def comparison_figure(groups: Sequence[Group], *, width_in: float = 8.0) -> Figure:
+    """The first result of each group, all in the frame of the truth where there is one.
+
+    Letters are of one size: a figure of 4 inches can be read on a phone.
+    """
     with style.house_style():
-        figure = style.new_figure(8.0, 7.2)
+        figure = style.new_figure(width_in, 0.9 * width_in + max(0.0, 2.0 - 0.25 * width_in))
         axis = figure.add_subplot()
         aligned = all(group.first.evaluation.T_truth_world is not None for group in groups)
         if aligned:
             _plot_truth(axis, groups)
         for number, group in enumerate(groups):
             _plot_group(axis, group, number, aligned=aligned)
+        # Where paths agree the lower one is the wider one, so that all are seen.
+        paths = [line for line in axis.lines if str(line.get_label()).startswith(_PATH)]
+        for above, line in enumerate(reversed(paths)):
+            line.set_linewidth(1.2 + 1.6 * above / len(groups))
         axis.set_aspect("equal", adjustable="datalim")
         axis.set_xlabel("x in the frame of the truth [m]" if aligned else "x in world [m]")
         axis.set_ylabel("y in the frame of the truth [m]" if aligned else "y in world [m]")
         axis.set_title("Paths and maps")
         longest = max(len(group.name) for group in groups)
-        style.legend_below(axis, columns=max(1, min(4, 90 // (longest + 12))))
+        style.legend_below(axis, columns=max(1, min(4, round(11.25 * width_in) // (longest + 12))))
     return figure
 
 
@@ -45,15 +53,15 @@ def _plot_group(axis: Any, group: Group, number: int, *, aligned: bool) -> None:
     path = result.smoothed if len(result.smoothed.stamp_s) else result.trajectory
     points = transform.apply_points(path.T_world_robot[:, :2])
     dashes: Any = "solid" if number < len(style.CLASSES) else (0, (5, 1.5))
-    line: dict[str, Any] = {"color": color, "linewidth": 1.2, "linestyle": dashes, "zorder": 3}
-    axis.plot(*points.T, **line, label=f"path, {_short(group.name)}", rasterized=style.is_heavy(len(points)))
+    line: dict[str, Any] = {"color": color, "linestyle": dashes, "zorder": 3}
+    axis.plot(*points.T, **line, label=f"{_PATH}{_short(group.name)}", rasterized=style.is_heavy(len(points)))
     landmarks = result.landmarks
     kept = np.full(len(landmarks.ids), True) if landmarks.confirmed is None else landmarks.confirmed
     places = transform.apply_points(landmarks.mean_m[kept].reshape(-1, 2))
     dots: dict[str, Any] = {"marker": _MARKS[number], "linestyle": "none", "markersize": 5, "zorder": 5}
     dots |= {"markerfacecolor": "none", "markeredgecolor": color}
     axis.plot(
-        *places.T, **dots, label=f"map, {_short(group.name)}", rasterized=style.is_heavy(10 * len(places))
+        *places.T, **dots, label=f"map of {_short(group.name)}", rasterized=style.is_heavy(10 * len(places))
     )
 
 

@@ -22,10 +22,15 @@ from .map import plot_map
 from .over_time import plot_effective_sample_size, plot_error_over_time, plot_latency, plot_latency_histogram
 
 
-def map_figure(result: RunResult, log: Log, *, evaluation: Evaluation | None = None) -> Figure:
-    """The map with path and truth as a figure; a notebook shows it when a cell ends with it."""
+def map_figure(
+    result: RunResult, log: Log, *, evaluation: Evaluation | None = None, width_in: float = 8.0
+) -> Figure:
+    """The map with path and truth as a figure; a notebook shows it when a cell ends with it.
+
+    Letters are of one size: a figure of 4 inches can be read on a phone.
+    """
     with style.house_style():
-        figure = style.new_figure(8.0, 7.2)
+        figure = style.new_figure(width_in, 0.9 * width_in + max(0.0, 2.0 - 0.25 * width_in))
         plot_map(figure.add_subplot(), result, log, evaluation=evaluation)
     return figure
 

@@ -19,6 +19,8 @@ from . import style
 
 ELLIPSE_SIGMAS = 2.0
 POINTS_OF_AN_ELLIPSE = 25
+WIDE_IN = 6.0
+"""Figures that are wider have room for a legend of four columns."""
 MAX_CLEAR_LANDMARKS = 2000
 """Of more landmarks than this each becomes a dot under the path, or they would cover everything."""
 
@@ -56,14 +58,24 @@ def plot_map(axis: Axes, result: RunResult, log: Log, *, evaluation: Evaluation 
         proxy.set(markerfacecolor=groups[0].color + "30", label=f"{ELLIPSE_SIGMAS:g}σ ellipse")
         axis.add_line(proxy)
     axis.set_aspect("equal", adjustable="datalim")
+    is_wide = _is_wide(axis)
     for side in (axis.xaxis, axis.yaxis):
-        side.set_major_locator(MaxNLocator(nbins=9, steps=[1, 2, 5, 10]))
+        side.set_major_locator(MaxNLocator(nbins=9 if is_wide else 6, steps=[1, 2, 5, 10]))
     axis.set_xlabel("x in world [m]")
     axis.set_ylabel("y in world [m]")
     axis.set_title(f"Map and path, {np.count_nonzero(kept):,} landmarks")
     if axis.get_legend_handles_labels()[0]:
-        style.legend_below(axis)
+        style.legend_below(axis, columns=4 if is_wide else 2)
     return axis
+
+
+def _is_wide(axis: Axes) -> bool:
+    return axis.figure is None or axis.figure.get_figwidth() > WIDE_IN
+
+
+def _size(axis: Axes, points: float) -> float:
+    """The size of a mark, which covers as much of a small map as of a wide one."""
+    return points if _is_wide(axis) else 0.65 * points
 
 
 def ellipse_axes(covariance_m2: Floats) -> tuple[Floats, Floats, Floats]:
@@ -132,11 +144,12 @@ def _plot_provisional(axis: Axes, mean_m: Floats) -> None:
 
 def _plot_landmarks(axis: Axes, landmarks: LandmarkGroup) -> None:
     count = len(landmarks.mean_m)
-    dots: dict[str, Any] = {"marker": "o", "markersize": 3.5 if count <= 500 else 1.5, "linestyle": "none"}
+    dots: dict[str, Any] = {"marker": "o", "linestyle": "none"}
+    dots["markersize"] = _size(axis, 3.5 if count <= 500 else 1.5)
     dots |= {"color": landmarks.color, "label": landmarks.label, "zorder": 6}
     if landmarks.is_classed and count <= 500:
         # Large enough to be told by its colour under the cross of its true place.
-        dots["markersize"] = 6.0
+        dots["markersize"] = _size(axis, 6.0)
     if count > MAX_CLEAR_LANDMARKS:
         dots |= {"marker": ".", "markersize": 0.8, "zorder": 1.5, "alpha": 0.4}
     axis.plot(*landmarks.mean_m.T, **dots, rasterized=style.is_heavy(10 * count))
@@ -171,7 +184,12 @@ def _plot_truth(axis: Axes, log: Log, found: Evaluation) -> None:
         _plot_fixes(axis, log, found.fixes.transform.inverse())
     if log.truth_landmarks is not None and len(log.truth_landmarks.names):
         points = T_world_truth.apply_points(log.truth_landmarks.position_m)
-        cross: dict[str, Any] = {"marker": "x", "markersize": 7, "markeredgewidth": 1.4, "color": style.INK}
+        cross: dict[str, Any] = {
+            "marker": "x",
+            "markersize": _size(axis, 7.0),
+            "markeredgewidth": 1.4,
+            "color": style.INK,
+        }
         cross |= {"linestyle": "none", "label": "landmark, true", "zorder": 7}
         if len(points) > MAX_CLEAR_LANDMARKS:
             cross |= {"marker": ".", "markersize": 1.2, "color": style.MUTED, "zorder": 1.3}

@@ -46,7 +46,7 @@ def plot_sweep(axis: Axes, *, groups: Sequence[Group], metric: str, key: str) ->
     axis.set_ylim(bottom=0.0)
     axis.set_xlabel(key)
     axis.set_ylabel(f"{metric} [{METRIC_UNITS[metric]}]" if metric in METRIC_UNITS else metric)
-    axis.set_title(f"{metric}: mean and 95 % interval")
+    axis.set_title(f"{metric}, mean ± 95 %")
     return axis
 
 
@@ -58,7 +58,7 @@ def sweep_figures(groups: Sequence[Group]) -> dict[str, Figure]:
         if not any(metric in group.summary for group in groups):
             continue
         with house_style():
-            figures[metric] = new_figure(7.0, 4.5)
+            figures[metric] = new_figure(4.6, 3.6)
             axis = plot_sweep(figures[metric].add_subplot(), groups=groups, metric=metric, key=str(key))
             legend_below(axis, columns=1)
     return figures

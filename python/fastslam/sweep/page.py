@@ -9,7 +9,8 @@ from pathlib import Path
 
 from ..evaluation import MetricSummary
 from ..evaluation.display import format_metric, metric_unit
-from ..report import render_page, themed_svg
+from ..page_svg import themed_svg
+from ..report import render_page
 from ..resultfiles import write_atomically
 from .table import Group, Row, group_rows
 
