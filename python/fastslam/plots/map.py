@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.colors import is_color_like, to_hex
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
@@ -70,7 +71,7 @@ def plot_map(axis: Axes, result: RunResult, log: Log, *, evaluation: Evaluation 
 
 
 def _is_wide(axis: Axes) -> bool:
-    return axis.figure is None or axis.figure.get_figwidth() > WIDE_IN
+    return not isinstance(axis.figure, Figure) or axis.figure.get_figwidth() > WIDE_IN
 
 
 def _size(axis: Axes, points: float) -> float:
