@@ -6,20 +6,24 @@ import json
 import math
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import fastslam as package
 import numpy as np
 import pytest
 from cli_runner import fastslam
 from fastslam.datasets import load
+from fastslam.datasets.bag_messages import planar
 from fastslam.datasets.native_settings import REAR_AXLE
 from fastslam.errors import ConfigError, DataError
 from fastslam.runner import configure
-from small_log import LANDMARKS_M, make_small_log
+from small_log import LANDMARKS_M, make_small_log, write_small_log
 
 pytest.importorskip("rosbags", reason="the extra `bags` is not installed")
 
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -275,6 +279,121 @@ def test_odometry_by_poses_twists_and_steering_and_a_path_that_is_the_truth(tmp_
     assert log.config["motion"] == {"model": "ackermann"} | REAR_AXLE
     assert any("rear axle" in note for note in log.notes)
     assert log.controls.values[0] == pytest.approx([2.0, 0.1])
+
+
+def moved(stamp_s: float, parent: str, frame: str, place: Any) -> Any:
+    about = T["geometry_msgs/msg/Transform"](
+        T["geometry_msgs/msg/Vector3"](float(place[0]), float(place[1]), 0.0), quaternion(float(place[2]))
+    )
+    entry = T["geometry_msgs/msg/TransformStamped"](header(stamp_s, parent), frame, about)
+    return T["tf2_msgs/msg/TFMessage"]([entry])
+
+
+def test_transforms_that_are_named_give_the_truth(tmp_path: Path) -> None:
+    truth = LOG.truth_trajectory
+    assert truth is not None
+    rows = [(10.0 + s, p) for s, p in zip(truth.stamp_s.tolist(), truth.T_world_robot.tolist(), strict=True)]
+    # A room that stands in the world turned by 90 degrees, with a table in it that is pushed once.
+    room: Messages = [
+        ("/tf_static", 0.0, moved(0.0, "world", "room", (1.0, 2.0, 0.5 * math.pi))),
+        ("/tf", rows[0][0], moved(rows[0][0], "room", "table", (0.0, 0.0, 0.0))),
+        ("/tf", rows[20][0], moved(rows[20][0], "room", "table", (0.5, 0.0, 0.0))),
+    ]
+    captured = [("/tf", s, moved(s, "table", "base_link", p)) for s, p in rows]
+    drifted = [("/tf", s, moved(s, "odom", "wheels", (0.1 * s, 0.0, 0.0))) for s, _ in rows]
+    bag = write(tmp_path / "drive", [*room, *captured, *drifted, *twists(), *detections(mrpt)])
+    assert load(bag).truth_trajectory is None, "transforms may be those of odometry"
+    log = load(bag, topics={"truth": "/tf"})
+    found = log.truth_trajectory
+    assert found is not None and any("truth is base_link in world" in note for note in log.notes)
+    np.testing.assert_allclose(found.stamp_s, 10.0 + truth.stamp_s, atol=1e-6)
+    x, y, heading = truth.T_world_robot.T
+    x = x + np.where(np.arange(len(x)) >= 20, 0.5, 0.0)
+    np.testing.assert_allclose(found.T_world_robot[:, :2], np.column_stack([1.0 - y, 2.0 + x]), atol=1e-9)
+    turned = np.remainder(found.T_world_robot[:, 2] - heading, 2.0 * math.pi)
+    np.testing.assert_allclose(turned, 0.5 * math.pi, atol=1e-9)
+    other = load(bag, topics={"truth": "/tf:wheels"}).truth_trajectory
+    assert other is not None
+    np.testing.assert_allclose(other.T_world_robot[:, 0], 0.1 * other.stamp_s, atol=1e-9)
+    for named in ("/tf:room", "/tf:nosuch"):
+        with pytest.raises(ConfigError, match="those that move are: base_link, table, wheels"):
+            load(bag, topics={"truth": named})
+    outcome = fastslam("run", bag, "--topic", "truth=/tf", "--out", tmp_path / "out", "--no-report")
+    assert outcome.exit_code == 0, outcome.stderr
+    assert "ate_rmse_m" in json.loads((tmp_path / "out" / "metrics.json").read_text())
+
+
+def test_a_path_is_no_sight_of_landmarks(tmp_path: Path) -> None:
+    stamped = T["geometry_msgs/msg/PoseStamped"]
+    plan = [stamped(header(10.0, "map"), pose(float(k), 0.0)) for k in range(9)]
+    message = T["nav_msgs/msg/Path"](header(10.0, "map"), plan)
+    bag = write(tmp_path / "drive", [*twists(), *detections(mrpt), *[("/plan", 10.0, message)] * 99])
+    assert len(load(bag).sightings.stamp_s) == len(LOG.sightings.stamp_s)
+
+
+def read_messages(bag: Path) -> dict[str, list[tuple[int, Any]]]:
+    """All messages by topic, with when they were recorded, in nanoseconds."""
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, stamp_ns, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            found.setdefault(connection.topic, []).append((stamp_ns, message))
+    return found
+
+
+def test_results_are_a_bag_that_viewers_read(tmp_path: Path) -> None:
+    log = load(write(tmp_path / "drive", [*twists(), *detections(vision)]))
+    few = {"filter": {"particles": 20}, "association": {"mode": "unknown"}}
+    result = package.run(log, few)
+    file = result.to_mcap(tmp_path / "run.mcap")
+    assert [path.name for path in tmp_path.iterdir() if "mcap" in path.name] == ["run.mcap"]
+    found = read_messages(file)
+    assert {topic: len(messages) for topic, messages in found.items()} == {
+        **dict.fromkeys(("/landmarks", "/path"), 1),
+        **dict.fromkeys(("/pose", "/tf"), len(result.trajectory.stamp_s)),
+    }
+    live = result.trajectory
+    assert live.covariance is not None
+    for row, (stamp_ns, message) in enumerate(found["/pose"]):
+        assert stamp_ns == round(1e9 * live.stamp_s[row]) and message.header.frame_id == "map"
+        assert planar(message.pose.pose) == pytest.approx(live.T_world_robot[row], abs=1e-9)
+        covariance = message.pose.covariance.reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])]
+        np.testing.assert_array_equal(covariance, live.covariance[row])
+    path = found["/path"][0][1].poses
+    np.testing.assert_allclose([planar(p.pose) for p in path], result.path.T_world_robot, atol=1e-9)
+    marks = {(mark.ns, mark.id): mark for mark in found["/landmarks"][0][1].markers}
+    assert len(marks) == 3 * len(result.landmarks.ids) > 9
+    for row, name in enumerate(result.landmarks.ids):
+        post, ellipse = marks["landmarks", row], marks["ellipses", row]
+        assert (post.pose.position.x, post.pose.position.y) == tuple(result.landmarks.mean_m[row])
+        turn = planar(ellipse.pose)[2]
+        axes = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+        half = np.diag([ellipse.scale.x, ellipse.scale.y]) / 4.0
+        np.testing.assert_allclose(axes @ half**2 @ axes.T, result.landmarks.covariance_m2[row], atol=1e-12)
+        assert marks["names", row].text == name
+    colors = {(mark.color.r, mark.color.g, mark.color.b) for mark in marks.values()}
+    assert len(colors) == 3, "blue, yellow, and those of which nobody says"
+    # What is written can be the odometry or the truth of another run.
+    says = fastslam("info", file, "--json")
+    assert {t["name"]: t["uses"] for t in json.loads(says.stdout)["topics"]}["/pose"] == ["odometry", "truth"]
+    early = replace(live, stamp_s=live.stamp_s - 100.0)
+    with pytest.raises(DataError, match="stamps of ROS are from 0"):
+        replace(result, trajectory=early).to_mcap(file)
+    with pytest.raises(DataError, match="cannot write"):
+        result.to_mcap(tmp_path / "nosuch" / "run.mcap")
+
+
+def test_export_writes_what_the_name_says(tmp_path: Path) -> None:
+    log = write_small_log(tmp_path / "log", steps=60)
+    out = tmp_path / "out"
+    assert fastslam("run", log, "--out", out, "--no-report", "--particles", 10).exit_code == 0
+    for name, says in (("a.mcap", "poses, "), ("a.tum", "12 poses"), ("a.geojson", "in metres")):
+        outcome = fastslam("export", out, tmp_path / name)
+        assert outcome.exit_code == 0 and says in outcome.stdout, outcome.stdout + outcome.stderr
+    assert (tmp_path / "a.tum").read_text() == (out / "smoothed.tum").read_text()
+    assert len(read_messages(tmp_path / "a.mcap")["/pose"]) > 10
+    shapes = json.loads((tmp_path / "a.geojson").read_text())["features"]
+    assert [shape["geometry"]["type"] for shape in shapes].count("LineString") == 1
 
 
 @pytest.mark.parametrize("roll", [0.0, math.pi])

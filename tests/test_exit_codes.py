@@ -27,6 +27,7 @@ DONE: dict[str, tuple[str, ...]] = {
     "config": ("dump",),
     "datasets": ("list",),
     "convert": ("{log}", "{out}"),
+    "export": ("{result}", "{out}.tum"),
 }
 FAILED: dict[str, tuple[str, ...]] = {
     "demo": ("--no-report", "--out", "{file}/out"),
@@ -38,6 +39,7 @@ FAILED: dict[str, tuple[str, ...]] = {
     "calibrate": (NOWHERE,),
     "detect": (NOWHERE,),
     "convert": (NOWHERE, "{out}"),
+    "export": (NOWHERE, "{out}.mcap"),
     "map": ("info", NOWHERE),
     "tune": (NOWHERE,),
     "doctor": (NOWHERE,),
@@ -48,6 +50,7 @@ USAGE: dict[str, tuple[str, ...]] = {
     "run": ("{log}", "--set", "filter.particles=0", "--out", "{out}"),
     "simulate": ("{out}", "--set", "no.such=1"),
     "localize": ("{log}", "--map", NOWHERE, "--start", "1,2"),
+    "export": ("{result}", "{out}.bag"),
     "live": ("--in", "udp:9000"),
 }
 

@@ -40,6 +40,7 @@ REFERENCE = {
         "Python: results and scores",
         *("fastslam.result", "fastslam.resultfiles", "fastslam.outputs", "fastslam.evaluation"),
         *("fastslam.health", "fastslam.noise", "fastslam.plots", "fastslam.report", "fastslam.comparison"),
+        "fastslam.mcap",
     ),
     "studies": (
         "Python: simulations and studies",

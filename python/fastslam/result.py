@@ -12,6 +12,8 @@ from .errors import ConfigError
 from .log import Bools, Floats, Ints
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from .frames import Backend
     from .maps import Changes, Map
 
@@ -295,6 +297,15 @@ class RunResult:
         if path not in paths:
             raise ConfigError(f"path: got {path}, expected live or smoothed")
         return paths[path].to_tum()
+
+    def to_mcap(self, path: Path | str) -> Path:
+        """Writes an MCAP file that viewers open: pose, transforms, path and landmarks (`fastslam.mcap`).
+
+        Needs `pip install rosbags`. Errors: `DataError`.
+        """
+        from .mcap import write_mcap
+
+        return write_mcap(self, path)
 
     def __repr__(self) -> str:
         from .cards import result_card

@@ -30,6 +30,7 @@ _COMMANDS = {
     "doctor": ("doctor.doctor", "Say how a log's numbers may be meant, with log-odds."),
     "info": ("info.info", "Say what is in a log."),
     "convert": ("convert.convert_log", "Write a log in another format."),
+    "export": ("export.export_results", "Write results for other programs: a bag for viewers."),
     "sweep": ("sweep.sweep", "Run a grid of configurations, seeds and logs."),
     "reproduce": ("reproduce.reproduce_figure", "Remake figures of the FastSLAM paper."),
 }

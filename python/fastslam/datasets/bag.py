@@ -28,6 +28,7 @@ from .bag_messages import (
     twist_in,
 )
 from .bag_topics import TRANSFORMS, Topic, chosen_from, messages_on, opened, topics_of
+from .bag_transforms import path_of_frame
 from .clean import clean_controls, clean_sightings, no_sightings
 from .native_settings import place_on_axle
 from .options import LoadOptions
@@ -75,7 +76,8 @@ def load(path: Path, options: LoadOptions) -> Log:
         elif "scan" in chosen.topics:
             log = bag.with_scans(log, chosen.topics["scan"])
         if "truth" in chosen.topics:
-            log = replace(log, truth_trajectory=bag.truth(chosen.topics["truth"]))
+            truth = bag.truth(chosen.topics["truth"], chosen.truth_frame)
+            log = replace(log, truth_trajectory=truth)
         return replace(log, problems=(*log.problems, *bag.problems()), notes=(*log.notes, *bag.notes))
 
 
@@ -253,8 +255,13 @@ class _Bag:
             log, scans=scans, config=config, problems=(*log.problems, *(problems if dropped else ()))
         )
 
-    def truth(self, topic: Topic) -> TruthTrajectory:
-        """The true path that a topic of poses holds."""
+    def truth(self, topic: Topic, frame: str) -> TruthTrajectory:
+        """The true path that a topic of poses holds, or that of a frame by transforms."""
+        if topic.type in TRANSFORMS:
+            usual = (self._base, *BASES)
+            found, note = path_of_frame(self.reader, self.path, frame=frame, usual=usual)
+            self.notes.append(note)
+            return found
         rows = [(stamp, *planar(pose_in(message))) for stamp, message in self._messages(topic)]
         table = np.array(rows, dtype=np.float64)
         table = table[np.isfinite(table).all(axis=1)]

@@ -40,6 +40,8 @@ class Chosen:
 
     topics: Mapping[str, Topic]
     notes: tuple[str, ...]
+    truth_frame: str = ""
+    """The frame whose way is the truth, where the topic is one of transforms."""
 
 
 @contextmanager
@@ -106,6 +108,8 @@ def chosen_from(topics: list[Topic], named: Mapping[str, str], path: Path) -> Ch
     Errors: ConfigError for a role or a topic that is none; DataError where there is no odometry, or nothing
     that shows landmarks.
     """
+    name, _, frame = named.get("truth", "").partition(":")
+    named = {**named, "truth": name} if frame else named
     for role, name in named.items():
         if role not in ROLES:
             raise ConfigError(f"--topic {role}={name}: the roles are {', '.join(ROLES)}")
@@ -140,7 +144,7 @@ def chosen_from(topics: list[Topic], named: Mapping[str, str], path: Path) -> Ch
         raise DataError(
             "no topic holds detections of landmarks or laser scans; `fastslam info` lists all", path
         )
-    return Chosen(taken, tuple(notes))
+    return Chosen(taken, tuple(notes), frame)
 
 
 def _truth(topics: list[Topic], named: Mapping[str, str]) -> Topic | None:
@@ -150,6 +154,7 @@ def _truth(topics: list[Topic], named: Mapping[str, str]) -> Topic | None:
         topic
         for topic in topics
         if "truth" in topic.uses
+        and topic.type not in TRANSFORMS
         and topic.name not in others
         and any(word in topic.name.lower() for word in TRUTH_WORDS)
     ]
@@ -168,7 +173,10 @@ def _use_of(
     reader: AnyReader, name: str, kind: str, constants: Mapping[str, Mapping[int, str]]
 ) -> tuple[tuple[str, ...], str]:
     if kind in TRANSFORMS:
-        return (), "transforms: static ones give the mounting"
+        return ("truth",), "transforms: static ones give the mounting, moving ones may be named as the truth"
+    if kind.endswith("/Path"):
+        # A plan or what another program estimated; its poses are no landmarks.
+        return (), "a path"
     if kind == SCAN:
         return ("scan",), "laser scans"
     first = None
