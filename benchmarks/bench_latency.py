@@ -1,20 +1,21 @@
 """Measures how long the steps of a robot that drives take, and writes a dated report.
 
-    FASTSLAM_DATA=DATA python benchmarks/bench_latency.py [--quick] [--delay-scans D ...] [--out FOLDER]
+    FASTSLAM_DATA=DATA python benchmarks/bench_latency.py [--quick] [--delay-scans D ...] [--window W]
+        [--out FOLDER]
 
 Victoria Park, ten laps between cones and one hour at 20 Hz in a bounded world, nobody naming a landmark, 100
 particles, otherwise the defaults: all rows go to a `Robot` as they would on the way, with `--idle-ms` of rest
 after each scan. A step is what a call computes. For each value of `filter.rejuvenation.delay_scans` there are
-the median, the 99th and 99.9th percentile and the worst step, the last tenth of the drive against the first,
-memory, and how often a step has waited for a draw of paths. On a machine that does other things the worst
-step is theirs.
+the median, the 99th and 99.9th percentile and the worst step, the last tenth of the drive against the first
+in the median step and in CPU time of all threads, the memory of the last tenth and that against the second,
+and how often a step has waited for a draw of paths. On a machine that does other things the worst step is
+theirs; ratios of CPU time are not.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import resource
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -36,7 +37,9 @@ LAPS = 10
 HOUR_S = 3600.0
 QUICK_S = 60.0
 HEAD = ("log", "delay (scans)", "steps", "p50 (ms)", "p99", "p99.9", "worst", "worst / p50")
-HEAD += ("last tenth / first", "memory (MB)", "waited", "draws")
+HEAD += ("last tenth / first", "the same in CPU", "memory (MB)", "last tenth / second", "waited", "draws")
+TENTHS = 10
+PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
 class Case(NamedTuple):
@@ -46,6 +49,18 @@ class Case(NamedTuple):
     delay_scans: int
     idle_s: float
     quick: bool
+    window: int | None
+    """Steps of the window, 0 for none; that of a robot without it."""
+
+
+class Tenth(NamedTuple):
+    """What a tenth of a drive takes."""
+
+    took_ms: list[float]
+    cpu_s: float
+    """Of all threads."""
+    memory_mb: float
+    """Of the process, at the end."""
 
 
 def _cones(*, quick: bool) -> Log:
@@ -83,6 +98,10 @@ def _calls(robot: Robot, log: Log) -> Iterator[Any]:
             yield lambda stamp_s=stamp_s, row=controls.values[k]: robot.odometry(stamp_s, row)
 
 
+def _memory_mb() -> float:
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * PAGE_MB
+
+
 def measure(case: Case) -> tuple[object, ...]:
     """The row of a case in the table."""
     log = LOGS[case.log](quick=case.quick)
@@ -92,22 +111,27 @@ def measure(case: Case) -> tuple[object, ...]:
         "growth": 0.05,
         "delay_scans": case.delay_scans,
     }
+    if case.window is not None:
+        draws |= {"window_steps": case.window or None}
     mine = {"association": {"mode": "unknown"}, "filter": {"particles": 100, "rejuvenation": draws}}
     robot = Robot(merge(log.config, mine), identities="none", window=Window(late_s=0.0))
-    took_ms, drawn = [], 0
-    for call in _calls(robot, log):
-        begun = time.perf_counter()
-        steps = call()
-        if steps:
-            took_ms.append(1e3 * (time.perf_counter() - begun) / len(steps))
-            drawn += sum(step.info.rejuvenated for step in steps)
-            time.sleep(case.idle_s)
-    took, tenth = np.array(took_ms), max(1, len(took_ms) // 10)
+    calls, tenths, drawn = list(_calls(robot, log)), [], 0
+    for part in range(TENTHS):
+        tenth = Tenth([], time.process_time(), 0.0)
+        for call in calls[len(calls) * part // TENTHS : len(calls) * (part + 1) // TENTHS]:
+            begun = time.perf_counter()
+            steps = call()
+            if steps:
+                tenth.took_ms.append(1e3 * (time.perf_counter() - begun) / len(steps))
+                drawn += sum(step.info.rejuvenated for step in steps)
+                time.sleep(case.idle_s)
+        tenths.append(tenth._replace(cpu_s=time.process_time() - tenth.cpu_s, memory_mb=_memory_mb()))
+    took, last = np.concatenate([tenth.took_ms for tenth in tenths]), tenths[-1]
     p50, p99, p999 = np.percentile(took, [50.0, 99.0, 99.9])
-    ratio = np.median(took[-tenth:]) / np.median(took[:tenth])
-    memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     figures = [f"{value:.2f}" for value in (p50, p99, p999, took.max())]
-    ratios = [f"{took.max() / p50:.0f}", f"{ratio:.2f}", f"{memory_mb:.0f}"]
+    ratios = [f"{took.max() / p50:.0f}", f"{np.median(last.took_ms) / np.median(tenths[0].took_ms):.2f}"]
+    ratios += [f"{last.cpu_s / tenths[0].cpu_s:.2f}", f"{last.memory_mb:.0f}"]
+    ratios.append(f"{last.memory_mb / tenths[1].memory_mb:.2f}")
     return case.log, case.delay_scans, len(took), *figures, *ratios, robot.waits, drawn
 
 
@@ -118,6 +142,9 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a minute each: does it still work?")
     parser.add_argument("--delay-scans", type=int, nargs="+", default=[0, 10])
     parser.add_argument("--idle-ms", type=float, default=5.0, help="rest after each scan")
+    parser.add_argument(
+        "--window", type=int, help="steps of the window, 0 for none; that of a robot without it"
+    )
     parser.add_argument("--logs", nargs="+", choices=list(LOGS), help="all without it")
     parser.add_argument("--out", type=Path, help="folder of the report")
     arguments = parser.parse_args()
@@ -125,7 +152,11 @@ def main() -> None:
     names: Sequence[str] = arguments.logs or [name for name in LOGS if has_data or name != "victoria_park"]
     started, load_before = datetime.now(timezone.utc), os.getloadavg()[0]
     idle_s = 1e-3 * arguments.idle_ms
-    cases = [Case(name, delay, idle_s, arguments.quick) for name in names for delay in arguments.delay_scans]
+    cases = [
+        Case(name, delay, idle_s, arguments.quick, arguments.window)
+        for name in names
+        for delay in arguments.delay_scans
+    ]
     rows = []
     for case in cases:
         # A process each: memory is that of one drive.
@@ -136,6 +167,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     report = folder / f"latency-{started:%Y-%m-%d}.md"
     command = f"python benchmarks/bench_latency.py --delay-scans {' '.join(map(str, arguments.delay_scans))}"
+    command += "" if arguments.window is None else f" --window {arguments.window}"
     head = f"fastslam {fastslam.__version__}, commit {commit()}; {processor()}; load {load_before:.1f}."
     how = f"Command: `{command}`, {arguments.idle_ms:g} ms of rest after each scan."
     text = f"# Latency of steps\n\n{head} {how}\n\n"
