@@ -162,6 +162,30 @@ def plaza(folder: Path) -> Path:
     return folder
 
 
+def labyrinth(folder: Path) -> Path:
+    folder.mkdir()
+    rows = "".join(
+        f"range2 {k} {3 + k} 0.01 5 1 105 0\nodom2diff {k} 0.1 0.2 0 0.25 0.0001 0.0001 0.0001\n"
+        for k in range(3)
+    )
+    (folder / "Small_UWB_Input.txt").write_text(rows)
+    (folder / "Small_UWB_GT.txt").write_text("point2 0 1 2 0 0 0 0\npoint2 1 1.15 2 0 0 0 0\n")
+    return folder
+
+
+def test_labyrinth_is_read_as_documented(tmp_path: Path) -> None:
+    log = load(labyrinth(tmp_path / "log"))
+    assert log.controls.values[0].tolist() == pytest.approx([0.15, 0.2])
+    assert log.sightings.range_m.tolist() == [3.0, 4.0, 5.0] and log.identity_names == ("105",)
+    assert log.truth_landmarks is not None and log.truth_landmarks.position_m.tolist() == [[5.0, 1.0]]
+    assert log.truth_trajectory is not None and not log.truth_trajectory.heading_known
+    assert log.config["sensor"]["model"] == "range" and log.config["sensor"]["range_std_m"] == 0.1
+    path = tmp_path / "log" / "Small_UWB_Input.txt"
+    path.write_text("range2 0 3 0.01 5 1\n")
+    with pytest.raises(DataError, match=r"range2: expected 7 numbers"):
+        load(path)
+
+
 MAKERS: dict[str, Callable[[Path], Path]] = {
     "native": native,
     "utias": utias,
@@ -176,6 +200,7 @@ MAKERS: dict[str, Callable[[Path], Path]] = {
     "pyfg": pyfg,
     "bag": bag,
     "plaza": plaza,
+    "labyrinth": labyrinth,
 }
 
 

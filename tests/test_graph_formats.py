@@ -102,8 +102,16 @@ def test_bearings_and_ranges_of_one_landmark_make_a_sighting(tmp_path: Path) -> 
     assert (log.sightings.range_m.tolist(), log.sightings.bearing_rad.tolist()) == ([3.0], [0.25])
     np.testing.assert_allclose(log.sightings.covariance, [[0.04, 0, 0.0025]])
     assert [problem.message for problem in log.problems] == ["bearings without range: not used"]
-    with pytest.raises(DataError, match=r"holds 2 bearings without range: .*\(g2o file"):
-        load(written(tmp_path, "bearings.g2o", rows))
+
+
+def test_bearings_alone_make_a_log_of_them_and_so_do_ranges(tmp_path: Path) -> None:
+    rows = "EDGE_SE2 0 1 1 0 0\nEDGE_BEARING_SE2_XY 0 5 0.25 400\nEDGE_BEARING_SE2_XY 1 5 0.5 400\n"
+    log = load(written(tmp_path, "bearings.g2o", rows))
+    assert log.sightings.bearing_rad.tolist() == [0.25, 0.5] and np.isnan(log.sightings.range_m).all()
+    assert log.config["sensor"] == {"model": "bearing", "bearing_std_rad": 0.05} and log.problems == ()
+    log = load(written(tmp_path, "ranges.g2o", "EDGE_SE2 0 1 1 0 0\nEDGE_RANGE_SE2_XY 0 5 300 25\n"))
+    assert log.sightings.range_m.tolist() == [300.0] and np.isnan(log.sightings.bearing_rad).all()
+    assert log.config["sensor"] == {"model": "range", "range_std_m": 0.2, "max_range_m": 330}
 
 
 SQUARE_ROOT = np.linalg.cholesky(INFORMATION).T
@@ -186,8 +194,12 @@ def test_pyfg_holds_a_log_for_each_robot_with_truth(tmp_path: Path) -> None:
     with pytest.raises(DataError, match=r"has no robot 3; robots there: 1 \(A\), 2 \(B\)"):
         load(path, robot=3)
     ranges_only = "".join(line for line in PYFG.splitlines(keepends=True) if "EDGE_SE2_XY" not in line)
-    with pytest.raises(DataError, match=r"holds 1 ranges only: needs .*\(pyfg file; see docs/formats\.md\)"):
+    with pytest.raises(DataError, match=r"holds no landmarks: .*\(pyfg file; see docs/formats\.md\)"):
         load(written(tmp_path, "ranges.pyfg", ranges_only))
+    to_landmark = load(written(tmp_path, "tiers.pyfg", ranges_only + "EDGE_RANGE 11.5 A1 L3 3 0.04\n"))
+    assert to_landmark.sightings.range_m.tolist() == [3.0] and to_landmark.identity_names == ("L3",)
+    assert to_landmark.config["sensor"] == {"model": "range", "range_std_m": 0.2}
+    assert [problem.message for problem in to_landmark.problems] == ["ranges without bearing: not used"]
 
 
 EDGE = "EDGE_SE2 0 1 1 0 0\n"
@@ -211,7 +223,7 @@ FAULTS = [
         EDGE.replace("\n", " 1 0 0 0 0 1\n") + POINT,
         r"g2o:1: EDGE_SE2: the noise is not positive definite",
     ),
-    ("a.g2o", EDGE, r"holds no landmarks: needs sightings with range and bearing"),
+    ("a.g2o", EDGE, r"holds no landmarks: needs sightings of them"),
     ("a.g2o", "VERTEX_SE2 0 0 0 0\n", r"holds no edge between poses"),
     (
         "a.g2o",

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..log import Controls, Floats, Log, Problem, Sightings
+from ..measured import BOTH
 from .clean import clean_sightings
 from .graph_noise import Matrices, triangles, wrong_row
 from .graph_rows import Kind, Row, unusable
@@ -61,7 +62,8 @@ def log_of_graph(file: GraphFile, *, name: str) -> Log:
     """The log that a graph holds. Errors: DataError that names the format and the page on converting."""
     path = path_of_graph(file)
     sightings, names, dropped = _sightings(file, path)
-    sightings, problems = clean_sightings(sightings, path=file.path)
+    measures = _measures(sightings)
+    sightings, problems = clean_sightings(sightings, path=file.path, measures=measures)
     problems = (
         *_unused(path.others, "edges between poses that do not follow each other"),
         *dropped,
@@ -163,11 +165,8 @@ def _sightings(file: GraphFile, path: GraphPath) -> tuple[Sightings, tuple[str, 
     bearings, ranges = half[Kind.BEARING], half[Kind.RANGE]
     paired = len(rows) - len(file.of_kind(Kind.POINT, Kind.POLAR))
     if not seen:
-        only = [f"{bearings} bearings without range"] * (bearings > 0) + [f"{ranges} ranges only"] * (
-            ranges > 0
-        )
-        what = " and ".join(only) or "no landmarks"
-        raise unusable(file.path, file.format, f"holds {what}: needs sightings with range and bearing")
+        seen = _alone(file, place)
+    paired = paired if rows else len(seen)
     seen.sort(key=lambda row: (place[row.names[0]], row.line))
     order: dict[str, int] = {}
     identity = np.array([order.setdefault(row.names[1], len(order)) for row in seen], dtype=np.int64)
@@ -187,6 +186,26 @@ def _sightings(file: GraphFile, path: GraphPath) -> tuple[Sightings, tuple[str, 
     )
     label_of = {row.names[0]: row.label for row in file.of_kind(Kind.LANDMARK) if row.label}
     return sightings, tuple(label_of.get(name, name) for name in order), dropped
+
+
+def _measures(sightings: Sightings) -> tuple[str, ...]:
+    """The columns that sightings have: both, or those of bearings or ranges alone."""
+    return tuple(column for column in BOTH if np.isfinite(getattr(sightings, column)).any())
+
+
+def _alone(file: GraphFile, place: dict[str, int]) -> list[Row]:
+    """Bearings alone, or ranges alone where they are more, of what is no pose. Errors: DataError."""
+    landmarks = {row.names[0] for row in file.of_kind(Kind.LANDMARK)}
+
+    def of(kind: Kind) -> list[Row]:
+        rows = [row for row in file.of_kind(kind) if row.names[0] in place]
+        unnamed = not landmarks
+        return [r for r in rows if r.names[1] in landmarks or (unnamed and r.names[1] not in place)]
+
+    seen = max(of(Kind.BEARING), of(Kind.RANGE), key=len)
+    if not seen:
+        raise unusable(file.path, file.format, "holds no landmarks: needs sightings of them")
+    return seen
 
 
 def _paired(file: GraphFile) -> list[Row]:
@@ -221,6 +240,8 @@ def _stds(file: GraphFile, bearing: Row, distance: Row) -> tuple[float, ...]:
 
 def _polar(file: GraphFile, rows: Sequence[Row]) -> tuple[Floats, Floats, Floats]:
     """Range, bearing and their covariance (S, 3), NaN where a row has none."""
+    if rows[0].kind in (Kind.BEARING, Kind.RANGE):
+        return _polar_alone(file, rows)
     values = np.array([row.values for row in rows])
     is_point = np.array([row.kind is Kind.POINT for row in rows])
     points = [row for row in rows if row.kind is Kind.POINT]
@@ -236,6 +257,16 @@ def _polar(file: GraphFile, rows: Sequence[Row]) -> tuple[Floats, Floats, Floats
     range_m = np.where(is_point, np.hypot(x, y), y)
     bearing_rad = np.where(is_point, np.arctan2(y, x), wrap_to_pi(x))
     return range_m, bearing_rad, covariance
+
+
+def _polar_alone(file: GraphFile, rows: Sequence[Row]) -> tuple[Floats, Floats, Floats]:
+    """The same of bearings alone or ranges alone; the variance of what is not measured is 1 and not used."""
+    variance = _checked(file, rows, triangles([row.noise for row in rows], 1))[:, 0, 0]
+    value = np.array([row.values[0] for row in rows])
+    nothing, one, zero = np.full_like(value, np.nan), np.ones_like(value), np.zeros_like(value)
+    if rows[0].kind is Kind.BEARING:
+        return nothing, wrap_to_pi(value), np.column_stack([one, zero, variance])
+    return value, nothing, np.column_stack([variance, zero, one])
 
 
 def _unused(count: int, what: str) -> tuple[Problem, ...]:
@@ -258,10 +289,16 @@ def _config(file: GraphFile, path: GraphPath, sightings: Sightings) -> dict[str,
         stds = np.nanmedian(np.sqrt(path.covariance[:, [0, 3, 5]]), axis=0)
         motion |= dict(zip(("x_std_m", "y_std_m", "heading_std_rad"), _rounded(stds), strict=True))
     sensor: dict[str, Any] = {"model": "range_bearing"}
+    keys, columns = ["range_std_m", "bearing_std_rad"], [0, 2]
+    measures = _measures(sightings)
+    if len(measures) == 1:
+        only = BOTH.index(measures[0])
+        sensor["model"] = ("range", "bearing")[only]
+        keys, columns = [keys[only]], [columns[only]]
     if sightings.covariance is not None:
-        stds = np.nanmedian(np.sqrt(sightings.covariance[:, [0, 2]]), axis=0)
-        sensor |= dict(zip(("range_std_m", "bearing_std_rad"), _rounded(stds), strict=True))
-    farthest_m = float(sightings.range_m.max())
+        stds = np.nanmedian(np.sqrt(sightings.covariance[:, columns]), axis=0)
+        sensor |= dict(zip(keys, _rounded(stds), strict=True))
+    farthest_m = float(np.nanmax(sightings.range_m)) if "range_m" in measures else 0.0
     if farthest_m > DEFAULT_MAX_RANGE_M:
         sensor["max_range_m"] = math.ceil(1.1 * farthest_m)
     config = {"motion": motion, "sensor": sensor}

@@ -1,7 +1,8 @@
 """PyFG text: graphs of several robots with true poses, relative landmarks, and ranges between robots.
 
 Names begin with the letter of a robot (A, B, ...) or L for a landmark; one robot makes a log. Noise is
-covariance. Ranges, which have no bearing, cannot be used.
+covariance. Ranges to landmarks make a log of ranges alone where nothing else shows them; those between robots
+are not used.
 """
 
 from __future__ import annotations
@@ -49,21 +50,25 @@ def load(path: Path, options: LoadOptions) -> Log:
         there = ", ".join(f"{index} ({letter})" for index, letter in enumerate(robots, start=1))
         raise unusable(path, NAME, f"has no robot {number}; robots there: {there or 'none'}")
     robot = robots[number - 1]
-    own = [row for row in rows if any(name.startswith(robot) for name in row.names)]
+    landmarks = [row for row in rows if row.kind is Kind.LANDMARK]
+    own = [*landmarks, *(row for row in rows if any(name.startswith(robot) for name in row.names))]
     log = log_of_graph(GraphFile(path, NAME, own, from_covariance), name=f"{path.name.split('.')[0]}_{robot}")
     note = (f"robot {number} of {len(robots)}, {robot}",) if len(robots) > 1 else ()
     return replace(
         log,
         truth_trajectory=_trajectory([row for row in own if row.kind is Kind.POSE]),
-        truth_landmarks=_landmarks([row for row in rows if row.kind is Kind.LANDMARK]),
+        truth_landmarks=_landmarks(landmarks),
         notes=log.notes + note,
     )
 
 
 def _trajectory(poses: list[Row]) -> TruthTrajectory | None:
     stamps = np.array([row.stamp_s for row in poses])
-    if len(poses) == 0 or (np.diff(stamps) <= 0).any():
+    if len(poses) == 0:
         return None
+    if (np.diff(stamps) <= 0).any():
+        # As the log has them then.
+        stamps = np.arange(len(poses), dtype=np.float64)
     return TruthTrajectory(stamps, np.array([row.values for row in poses]))
 
 

@@ -15,6 +15,7 @@ from . import (
     city_trees,
     freiburg,
     g2o,
+    labyrinth,
     lost_in_the_woods,
     native,
     plaza,
@@ -92,6 +93,12 @@ FORMATS: dict[str, DatasetFormat] = {
             "folder with the MATLAB file of a Plaza set (Plaza1_.mat): ranges to radios",
             plaza.matches,
             plaza.load,
+        ),
+        DatasetFormat(
+            "labyrinth",
+            "text of the Labyrinth set (*_UWB_Input.txt), or its folder: ranges to modules",
+            labyrinth.matches,
+            labyrinth.load,
         ),
         DatasetFormat(
             "city_trees10000",
