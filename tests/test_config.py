@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 import yaml
-from fastslam.config import Config, explain, load_config, merge, parse_assignments, schema
+from fastslam.config import Config, explain, load_config, merge, parse_assignments, schema, sensor_of
 from fastslam.errors import ConfigError
 from fastslam.limits import OF_SETTINGS
 
@@ -62,6 +62,28 @@ def test_key_of_another_model_is_refused_by_name() -> None:
     assert message.startswith(f"{foreign[0].name}: only for model = ")
 
 
+def test_a_sensor_has_the_keys_of_its_model_and_reads_those_of_others() -> None:
+    keys = {info.name.rpartition(".")[2]: info.only_for for info in explain("sensor")}
+    counted = 0
+    for model in ("range_bearing", "range", "bearing", "own"):
+        layer = {"model": model, "range_std_m": 0.3, "bearing_std_rad": 0.04, "mounting": {"x_m": 0.5}}
+        sensor = Config.resolve({"sensor": layer})["sensor"]
+        for key, value in layer.items():
+            assert key in sensor or model not in keys[key].split(), key
+            if key != "mounting" and key in sensor:
+                assert sensor[key] == value
+        assert not [key for key in sensor if keys.get(key) and model not in keys[key].split()]
+        assert Config.resolve({"sensor": sensor})["sensor"] == sensor
+        whole = sensor_of({"sensor": sensor})
+        assert whole.keys() >= Config.resolve()["sensor"].keys() and whole["mounting"]["x_m"] == 0.5
+        counted += len(sensor)
+    assert counted > 30
+    # A model alone leaves the rest of the section as it is.
+    layers = {"sensor": {"max_range_m": 7.0, "bearing_std_rad": 0.5}}, {"sensor": {"model": "range"}}
+    sensor = Config.resolve(*layers)["sensor"]
+    assert sensor["max_range_m"] == 7.0 and "bearing_std_rad" not in sensor
+
+
 def test_dump_reads_back_and_explains_every_key(tmp_path: Path) -> None:
     config = Config.resolve({"seed": 42})
     text = config.dump()
@@ -83,7 +105,8 @@ def test_every_key_is_explained_and_its_default_is_what_the_core_fills_in() -> N
         value: Any = defaults
         for part in info.name.split("."):
             value = value.get(part) if hasattr(value, "get") else None
-        if value is not None and not (info.only_for and defaults["motion"]["model"] not in info.only_for):
+        section = defaults[info.name.partition(".")[0]]
+        if value is not None and not (info.only_for and section["model"] not in info.only_for):
             assert info.default == value, info.name
             checked += 1
     assert checked > 10
@@ -98,7 +121,7 @@ def test_every_number_has_a_bound_and_one_beyond_it_is_refused_by_name() -> None
         most = OF_SETTINGS["position" if info.name in ("initial_pose.x_m", "initial_pose.y_m") else unit]
         layer: dict[str, Any] = {"association": {"classes": {}, "signatures": {}}}
         if info.only_for:
-            layer = merge(layer, {"motion": {"model": info.only_for.split()[2]}})
+            layer = merge(layer, {info.name.partition(".")[0]: {"model": info.only_for.split()[2]}})
         for value in (1.001 * most, 1e300, float("nan")):
             wrong: Any = value
             for part in reversed(info.name.split(".")):

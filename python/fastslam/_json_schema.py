@@ -21,7 +21,7 @@ class KeyInfo:
     default: Any
     description: str
     only_for: str = ""
-    """`model = velocity`, say, where the key exists for one kind of section only."""
+    """`model = velocity`, say, where the key exists (or counts) for one kind of section only."""
     section_descriptions: Mapping[str, str] = field(default_factory=dict, repr=False)
     """Of the sections above the key, by dotted name."""
 
@@ -166,7 +166,8 @@ def _keys_of_child(root: Node, child: tuple[str, Node], defaults: Any, walk: _Wa
         return
     description = " ".join([_text(node), *_choice_texts(node)]).strip()
     dotted = ".".join((*walk.path, name))
-    yield KeyInfo(dotted, _type(root, node), default, description, walk.only_for, walk.texts)
+    only_for = walk.only_for or str(node.get("x-only-for", ""))
+    yield KeyInfo(dotted, _type(root, node), default, description, only_for, walk.texts)
 
 
 def _text(node: Node) -> str:

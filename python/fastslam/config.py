@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,16 @@ def merge(*layers: Layer) -> dict[str, Any]:
 def explain(key: str | None = None) -> tuple[KeyInfo, ...]:
     """Returns what is known about all keys, or about `key` and the keys below it; see `Schema.explain`."""
     return _SCHEMA.explain(key)
+
+
+def sensor_of(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The sensor of a configuration, with the defaults of what its model does not have."""
+    return {**_any_sensor(), **config["sensor"]}
+
+
+@cache
+def _any_sensor() -> dict[str, Any]:
+    return dict(Config.resolve()["sensor"])
 
 
 def schema() -> dict[str, Any]:

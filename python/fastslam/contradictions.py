@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from .config import sensor_of
 from .errors import DataError
 from .evaluation.align import align_points, align_points_robustly, wrap_angle
 from .log import Bools, Floats, Ints, Log
@@ -129,7 +130,7 @@ class _Judge:
         return bool((far_m > allowed_m[np.diff(elsewhere)]).any())
 
     def _noise_m(self, rows: Ints) -> Floats:
-        sensor, range_m = self.result.config["sensor"], self.log.sightings.range_m[rows]
+        sensor, range_m = sensor_of(self.result.config), self.log.sightings.range_m[rows]
         return np.asarray(np.hypot(sensor["range_std_m"], sensor["bearing_std_rad"] * range_m))
 
     def _laid_on_others(self, rows: Ints, witness_m: Floats) -> Floats:
@@ -187,7 +188,7 @@ class _Judge:
     @cached_property
     def _point_m(self) -> Floats:
         """What each sighting shows, in the frame of the robot (S, 2)."""
-        sightings, sensor = self.log.sightings, self.result.config["sensor"]
+        sightings, sensor = self.log.sightings, sensor_of(self.result.config)
         mounting = sensor["mounting"]
         range_m = (sightings.range_m - sensor["range_bias_m"]) / sensor["range_scale"]
         bearing = sightings.bearing_rad - sensor["bearing_bias_rad"]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .config import sensor_of
 from .datasets.g2o_write import g2o_text, write_text
 from .datasets.native_write import tum_text, write_native
 from .datasets.planar import chain_increments, to_world, wrap_to_pi
@@ -52,7 +53,7 @@ def _write_g2o(log: Log, target: Path) -> None:
         log,
         path_of_odometry(log),
         start=start_pose(log),
-        sensor=config["sensor"],
+        sensor=sensor_of(config),
         mounting=np.array([mounting["x_m"], mounting["y_m"], mounting["yaw_rad"]]),
     )
     write_text(target, text)

@@ -91,7 +91,7 @@ fn filter(
     config.filter.rejuvenation.every_steps = Some(0);
     config.filter.store = store;
     config.filter.resampling.threshold = threshold;
-    config.sensor.max_range_m = 1000.0;
+    config.sensor.change(|s| s.max_range_m = 1000.0);
     config.motion = Motion::Velocity(Velocity { lateral_std_m_per_s: 0.05, ..Velocity::default() });
     let mut filter = FastSlam::new(config, identities).expect("a valid configuration");
     let everything: Vec<Sighting> = (0..k).map(|n| sighting(n, identities)).collect();

@@ -152,7 +152,7 @@ mod tests {
     #[test]
     fn the_key_of_a_bad_value_is_named() {
         let mut config = Config::default();
-        config.sensor.range_std_m = 0.0;
+        config.sensor.change(|s| s.range_std_m = 0.0);
         assert_eq!(
             config.validate().map_err(|e| e.to_string()),
             Err("sensor.range_std_m: got 0, expected a finite number above 0 (1e-12 to 1e6)".into())

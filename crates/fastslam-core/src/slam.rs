@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Seen, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
-use crate::measurement::{Placing, SensorModel, EXPECTED_OF_OWN};
+use crate::measurement::{Placing, Sensor, EXPECTED_OF_OWN};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::partial::PartialSlam;
 use crate::snapshot::{self, Holds};
@@ -32,21 +32,20 @@ pub fn load(snapshot: &[u8], make: Maker<'_>) -> Result<(Box<dyn Slam>, Config, 
 
 /// The configured filter at its initial pose with an empty map.
 pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
-    match config.sensor.model {
-        SensorModel::RangeBearing => {}
-        SensorModel::Range => {
+    Ok(match (&config.sensor, config.algorithm) {
+        (Sensor::RangeBearing(_), Algorithm::Ekf) => Box::new(EkfSlam::new(config, identities)?),
+        (Sensor::RangeBearing(_), Algorithm::Fastslam1 | Algorithm::Fastslam2) => {
+            Box::new(FastSlam::new(config, identities)?)
+        }
+        (Sensor::Range(_), _) => {
             check_names("range", identities)?;
-            return Ok(Box::new(PartialSlam::range_only(config)?));
+            Box::new(PartialSlam::range_only(config)?)
         }
-        SensorModel::Bearing => {
+        (Sensor::Bearing(_), _) => {
             check_names("bearing", identities)?;
-            return Ok(Box::new(PartialSlam::bearing_only(config)?));
+            Box::new(PartialSlam::bearing_only(config)?)
         }
-        SensorModel::Own => return Err(Error::parameter("sensor.model", "own", EXPECTED_OF_OWN)),
-    }
-    Ok(match config.algorithm {
-        Algorithm::Ekf => Box::new(EkfSlam::new(config, identities)?),
-        Algorithm::Fastslam1 | Algorithm::Fastslam2 => Box::new(FastSlam::new(config, identities)?),
+        (Sensor::Own(_), _) => return Err(Error::parameter("sensor.model", "own", EXPECTED_OF_OWN)),
     })
 }
 

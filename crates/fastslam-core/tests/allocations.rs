@@ -49,11 +49,11 @@ fn filter(case: Case) -> FastSlam {
     config.filter.rejuvenation.every_steps = Some(0);
     config.filter.resampling.scheme = scheme;
     config.association.existence.removal = removal;
-    config.sensor.max_range_m = 9.0;
+    config.sensor.change(|s| s.max_range_m = 9.0);
     config.filter.particles = PARTICLES;
     config.filter.resampling.threshold = threshold;
-    config.sensor.range_std_m = 0.1;
-    config.sensor.bearing_std_rad = 0.02;
+    config.sensor.change(|s| s.range_std_m = 0.1);
+    config.sensor.change(|s| s.bearing_std_rad = 0.02);
     // Without resampling nothing holds the particles together.
     let std = if threshold == 0.0 { 1e-6 } else { 0.004 };
     config.motion = Motion::Increments(Increments {

@@ -5,7 +5,7 @@ use fastslam_core::association::Belief;
 use fastslam_core::config::{Algorithm, AssociationOrder, Config, Exclusion, Removal};
 use fastslam_core::filter::{FastSlam, Identities, MapLandmark, Sighting};
 use fastslam_core::geometry::Symmetric2;
-use fastslam_core::landmark::{Fit, Gaussian, Measured, Tail};
+use fastslam_core::landmark::{Fit, Gaussian, Measured};
 use fastslam_core::measurement::Placing;
 use fastslam_core::motion::{Increments, Motion};
 use fastslam_core::random::{Purpose, RandomSource};
@@ -16,8 +16,8 @@ const ALGORITHMS: [Algorithm; 2] = [Algorithm::Fastslam1, Algorithm::Fastslam2];
 fn config(algorithm: Algorithm, particles: u32) -> Config {
     let mut config = Config { algorithm, seed: 1, ..Config::default() };
     config.filter.particles = particles;
-    config.sensor.range_std_m = 0.1;
-    config.sensor.bearing_std_rad = 0.02;
+    config.sensor.change(|s| s.range_std_m = 0.1);
+    config.sensor.change(|s| s.bearing_std_rad = 0.02);
     config
 }
 
@@ -100,7 +100,7 @@ fn the_gates_hold_the_same_sightings_with_a_heavy_tail() {
     // The gates are distances; a density with heavy tails is higher far off, and so is that of a new landmark.
     for (mahalanobis_squared, expected) in [(9.1, (0, 0)), (9.3, (0, 1)), (22.9, (0, 1)), (23.2, (1, 0))] {
         let mut config = config(Algorithm::Fastslam2, 1);
-        config.sensor.tail_degrees_of_freedom = Some(4.0);
+        config.sensor.change(|s| s.tail_degrees_of_freedom = Some(4.0));
         let mut filter = FastSlam::new(config, Identities::None).unwrap();
         filter.update(0.0, &[unlabelled(5.0, 0.3)]).unwrap();
         let info = filter.update(1.0, &[unlabelled(5.0 + offset_m(mahalanobis_squared), 0.3)]).unwrap();
@@ -253,18 +253,18 @@ enum Decided {
 fn by_looking_at_all(filter: &FastSlam, particle: usize, sighting: Sighting, log_new_density: f64) -> Decided {
     let config = filter.config();
     let gate = -2.0 * (1.0 - config.association.gate_probability).ln();
-    let model = config.sensor.range_bearing();
+    let model = config.sensor.range_bearing().unwrap();
     let pending = filter.pending_motion();
     let pose = filter.particles().pose(particle);
     let belief = Belief { mean: pose.compose(pending.mean), covariance: pending.covariance_in_world(pose.heading) };
     let measured = Measured {
         value: sighting.value,
         noise: sighting.noise.unwrap_or(model.noise_covariance()),
-        tail: Tail::from_degrees_of_freedom(config.sensor.tail_degrees_of_freedom),
+        tail: config.sensor.tail(),
     };
     let fits = filter.map_of(particle).into_iter().map(|(birth, mean, covariance)| {
         let landmark = Gaussian { mean, covariance };
-        (birth, belief.clone().refine(&model, config.sensor.mounting.T_robot_sensor(), &landmark, &measured))
+        (birth, belief.clone().refine(&model, config.sensor.T_robot_sensor(), &landmark, &measured))
     });
     let best: Option<(u64, Fit)> = fits.max_by(|a, b| a.1.log_likelihood.total_cmp(&b.1.log_likelihood));
     match best {
@@ -303,7 +303,7 @@ fn compare_with_brute_force(mut config: Config, own_noise: bool) -> [u32; 3] {
     config.filter.rejuvenation.every_steps = Some(0);
     config.motion =
         Motion::Increments(Increments { x_std_m: 0.1, y_std_m: 0.05, heading_std_rad: 0.02, ..Increments::default() });
-    config.sensor.mounting.x_m = 0.6;
+    config.sensor.change(|s| s.mounting.x_m = 0.6);
     let mut filter = FastSlam::new(config, Identities::None).unwrap();
     let mut seen = [0; 3];
     for step in 0..600_u32 {
@@ -333,9 +333,9 @@ fn the_spatial_index_hides_no_landmark_that_would_have_been_chosen() {
         for tail in [None, Some(4.0)] {
             for own_noise in [false, true] {
                 let mut config = config(algorithm, 1);
-                config.sensor.range_std_m = 0.3;
-                config.sensor.bearing_std_rad = 0.08;
-                config.sensor.tail_degrees_of_freedom = tail;
+                config.sensor.change(|s| s.range_std_m = 0.3);
+                config.sensor.change(|s| s.bearing_std_rad = 0.08);
+                config.sensor.change(|s| s.tail_degrees_of_freedom = tail);
                 let seen = compare_with_brute_force(config, own_noise);
                 println!("{algorithm:?} {tail:?} own noise {own_noise}: {seen:?}");
                 assert!(seen.iter().all(|count| *count >= 15), "{algorithm:?} {tail:?} {own_noise}: {seen:?}");
@@ -356,7 +356,7 @@ fn decisions_follow_their_particles_through_resampling() {
     config.motion =
         Motion::Increments(Increments { x_std_m: 2.0, y_std_m: 0.0, heading_std_rad: 0.0, ..Increments::default() });
     config.filter.resampling.threshold = 1.0;
-    config.sensor.range_std_m = 0.5;
+    config.sensor.change(|s| s.range_std_m = 0.5);
     config.association.new_landmark_density = Some(density);
     let mut filter = FastSlam::new(config, Identities::None).unwrap();
     filter.update(0.0, &[unlabelled(5.0, 0.0)]).unwrap();

@@ -46,7 +46,7 @@ fn the_posterior_of_the_linear_world_is_exact() {
     let motion =
         Increments { x_std_m: MOTION_STD[0], y_std_m: MOTION_STD[1], heading_std_rad: 0.0, ..Increments::default() };
     let mut config = Config { motion: Motion::Increments(motion), ..Config::default() };
-    config.sensor.min_range_m = 1e-6;
+    config.sensor.change(|s| s.min_range_m = 1e-6);
     let model = Cartesian { position_std_m: SIGHTING_STD };
     let mut filter = EkfSlam::with_model(config, Identities::All, model).unwrap();
     let random = RandomSource::new(3);

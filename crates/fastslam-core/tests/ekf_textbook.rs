@@ -149,11 +149,11 @@ fn config() -> Config {
         }),
         ..Config::default()
     };
-    config.sensor.range_std_m = RANGE_STD;
-    config.sensor.bearing_std_rad = BEARING_STD;
-    config.sensor.mounting.x_m = MOUNTING[0];
-    config.sensor.mounting.y_m = MOUNTING[1];
-    config.sensor.mounting.yaw_rad = MOUNTING[2];
+    config.sensor.change(|s| s.range_std_m = RANGE_STD);
+    config.sensor.change(|s| s.bearing_std_rad = BEARING_STD);
+    config.sensor.change(|s| s.mounting.x_m = MOUNTING[0]);
+    config.sensor.change(|s| s.mounting.y_m = MOUNTING[1]);
+    config.sensor.change(|s| s.mounting.yaw_rad = MOUNTING[2]);
     config
 }
 

@@ -11,8 +11,8 @@ fn filter(algorithm: Algorithm, removal: Removal, store: StoreKind) -> FastSlam 
     config.association.existence.removal = removal;
     config.filter.particles = 8;
     config.filter.store = store;
-    config.sensor.max_range_m = 10.0;
-    config.sensor.field_of_view_rad = std::f64::consts::PI;
+    config.sensor.change(|s| s.max_range_m = 10.0);
+    config.sensor.change(|s| s.field_of_view_rad = std::f64::consts::PI);
     FastSlam::new(config, Identities::None).unwrap()
 }
 

@@ -127,11 +127,11 @@ fn settings(draw: &mut Draw) -> Config {
     config.filter.particles = 1 + draw.below(8) as u32;
     config.motion = motion(draw);
     if draw.chance(0.3) {
-        (config.sensor.range_std_m, config.sensor.bearing_std_rad) = (draw.std(), draw.std());
+        config.sensor.change(|s| (s.range_std_m, s.bearing_std_rad) = (draw.std(), draw.std()));
     }
-    config.sensor.tail_degrees_of_freedom = draw.chance(0.4).then(|| draw.uniform(1.0, 10.0));
+    config.sensor.change(|s| s.tail_degrees_of_freedom = draw.chance(0.4).then(|| draw.uniform(1.0, 10.0)));
     if draw.chance(0.2) {
-        config.sensor.max_range_m = 10.0_f64.powf(draw.uniform(0.0, 6.0));
+        config.sensor.change(|s| s.max_range_m = 10.0_f64.powf(draw.uniform(0.0, 6.0)));
     }
     if draw.chance(0.25) {
         config.algorithm = Algorithm::Ekf;

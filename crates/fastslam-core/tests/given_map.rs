@@ -47,7 +47,7 @@ fn config(algorithm: Algorithm, store: StoreKind) -> Config {
     let mut config = Config { seed: 5, algorithm, ..Config::default() };
     config.filter.store = store;
     config.filter.particles = 100;
-    config.sensor.max_range_m = 5.5;
+    config.sensor.change(|s| s.max_range_m = 5.5);
     config.association.mode = AssociationMode::Unknown;
     config.association.merging.rule = MergingRule::Nearby;
     config.association.existence.removal = Removal::WhenMissed;

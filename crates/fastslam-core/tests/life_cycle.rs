@@ -21,7 +21,7 @@ fn bayes() -> Config {
         heading_std_rad: 0.005,
         ..Increments::default()
     });
-    config.sensor.max_range_m = 10.0;
+    config.sensor.change(|s| s.max_range_m = 10.0);
     config.association.detection_probability = Some(0.8);
     config.association.clutter_density = Some(0.01);
     config.association.new_landmark_density = Some(0.001);

@@ -13,8 +13,8 @@ const FIELD: [[f64; 2]; 4] = [[4.0, 1.0], [2.0, -3.0], [6.0, 2.5], [-2.0, 2.0]];
 fn config(algorithm: Algorithm) -> Config {
     let mut config = Config { algorithm, seed: 6, ..Config::default() };
     config.filter.particles = 20;
-    config.sensor.mounting.x_m = 0.3;
-    config.sensor.mounting.yaw_rad = 0.2;
+    config.sensor.change(|s| s.mounting.x_m = 0.3);
+    config.sensor.change(|s| s.mounting.yaw_rad = 0.2);
     config.motion = Motion::Velocity(Velocity {
         speed_std_m_per_s: 0.2,
         yaw_rate_std_rad_per_s: 0.1,
@@ -264,8 +264,8 @@ fn the_order_within_a_scan_does_not_matter_in_the_linear_world() {
 /// Largest difference of the proposal's mean between two orders of one scan, with all noise and all innovations scaled.
 fn order_matters_by(scale: f64) -> f64 {
     let mut config = config(Algorithm::Fastslam2);
-    config.sensor.range_std_m = 0.1 * scale;
-    config.sensor.bearing_std_rad = 0.05 * scale;
+    config.sensor.change(|s| s.range_std_m = 0.1 * scale);
+    config.sensor.change(|s| s.bearing_std_rad = 0.05 * scale);
     config.motion = Motion::Velocity(Velocity {
         speed_std_m_per_s: 0.4 * scale,
         yaw_rate_std_rad_per_s: 0.4 * scale,

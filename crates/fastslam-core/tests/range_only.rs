@@ -16,8 +16,8 @@ const NOISE_M: f64 = 0.2;
 
 fn config(seed: u64) -> Config {
     let mut config = Config { seed, ..Config::default() };
-    config.sensor.model = SensorModel::Range;
-    config.sensor.range_std_m = NOISE_M;
+    config.sensor.change(|s| s.model = SensorModel::Range);
+    config.sensor.change(|s| s.range_std_m = NOISE_M);
     config.filter.particles = 30;
     let noise = Velocity {
         speed_std_m_per_s: 0.05,
@@ -71,8 +71,8 @@ fn beacons_at_unknown_places_are_found_by_both_algorithms() {
     for (seed, algorithm) in [(1, Algorithm::Fastslam2), (2, Algorithm::Fastslam2), (3, Algorithm::Fastslam1)] {
         let mut config = config(seed);
         config.algorithm = algorithm;
-        config.sensor.range_scale_std = Some(0.0);
-        config.sensor.range_bias_std_m = Some(0.0);
+        config.sensor.change(|s| s.range_scale_std = Some(0.0));
+        config.sensor.change(|s| s.range_bias_std_m = Some(0.0));
         let mut filter = PartialSlam::range_only(config).unwrap();
         let (map_m, pose_m) = errors_after(&mut filter, &drive(seed, 200, [1.0, 0.0]));
         assert!(map_m < 1.0 && pose_m < 1.5, "{algorithm:?} of world {seed}: map {map_m}, pose {pose_m}");
@@ -90,7 +90,7 @@ fn scale_and_bias_are_learned() {
         assert!(map_m < 1.0 && pose_m < 1.5, "world {seed}: map {map_m}, pose {pose_m}");
         let told = PartialSlam::range_only({
             let mut config = config(seed);
-            (config.sensor.range_scale_std, config.sensor.range_bias_std_m) = (Some(0.0), Some(0.0));
+            config.sensor.change(|s| (s.range_scale_std, s.range_bias_std_m) = (Some(0.0), Some(0.0)));
             config
         });
         let (misled_m, _) = errors_after(&mut told.unwrap(), &drive(seed, 250, [1.07, 0.3]));
@@ -101,7 +101,7 @@ fn scale_and_bias_are_learned() {
 #[test]
 fn wild_ranges_are_outlived_with_a_heavy_tail() {
     let mut config = config(8);
-    config.sensor.tail_degrees_of_freedom = Some(4.0);
+    config.sensor.change(|s| s.tail_degrees_of_freedom = Some(4.0));
     let mut drive = drive(8, 200, [1.0, 0.0]);
     for (k, (_, seen, _)) in drive.iter_mut().enumerate().filter(|(k, _)| k % 7 == 3) {
         if let Some(sighting) = seen.first_mut() {
@@ -174,7 +174,8 @@ fn what_cannot_be_is_refused_in_one_line() {
         refused(&|c| c.association.mode = AssociationMode::Unknown, all).starts_with("association.mode: got unknown")
     );
     assert!(refused(&|_| {}, Identities::None).contains("known identities"));
-    assert!(refused(&|c| c.sensor.range_scale_std = Some(-0.1), all).starts_with("sensor.range_scale_std: got -0.1"));
+    assert!(refused(&|c| c.sensor.change(|s| s.range_scale_std = Some(-0.1)), all)
+        .starts_with("sensor.range_scale_std: got -0.1"));
     let error = fastslam_core::filter::FastSlam::new(config(1), all).err().unwrap().to_string();
     assert!(error.starts_with("sensor.model: got range"), "{error}");
 }

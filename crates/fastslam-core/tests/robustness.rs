@@ -116,8 +116,8 @@ fn extremely_small_noise_gives_finite_answers() {
         for identities in [Identities::All, Identities::None] {
             for std in [1e-4, 1e-6, 1e-9] {
                 let mut config = config(algorithm);
-                config.sensor.range_std_m = std;
-                config.sensor.bearing_std_rad = std;
+                config.sensor.change(|s| s.range_std_m = std);
+                config.sensor.change(|s| s.bearing_std_rad = std);
                 let mut filter = FastSlam::new(config, identities).unwrap();
                 for step in 0..20 {
                     filter.predict([1.0, 0.2, 0.0], 0.1).unwrap();
@@ -137,7 +137,7 @@ fn extremely_small_noise_gives_finite_answers() {
 fn damage_m(algorithm: Algorithm, tail: Option<f64>) -> f64 {
     let mut config = config(algorithm);
     config.filter.particles = 1;
-    config.sensor.tail_degrees_of_freedom = tail;
+    config.sensor.change(|s| s.tail_degrees_of_freedom = tail);
     let mut filter = FastSlam::new(config, Identities::All).unwrap();
     for step in 0..31 {
         let range_m = if step == 15 { 5.6 } else { 5.0 };
@@ -229,7 +229,7 @@ fn when_no_particle_can_explain_a_sighting_the_step_is_named_and_the_filter_goes
         for store in [StoreKind::Dense, StoreKind::Tree, StoreKind::Lineage] {
             let mut config = config(algorithm);
             config.filter.store = store;
-            let sound = config.sensor.range_bearing();
+            let sound = config.sensor.range_bearing().unwrap();
             let mut filter = FastSlam::with_model(config, Identities::All, Broken { sound, error_m }).unwrap();
             let seen = [labelled(5.0, 0.3, 1), labelled(7.0, -1.0, 2)];
             for step in 0..6 {
@@ -275,7 +275,7 @@ fn a_scan_that_fails_leaves_ekf_slam_as_it_was_to_the_last_bit() {
     for landmarks in [1, 3, 5, 16, 20, 45] {
         let filter = || {
             let config = config(Algorithm::Ekf);
-            let sound = config.sensor.range_bearing();
+            let sound = config.sensor.range_bearing().unwrap();
             EkfSlam::with_model(config, Identities::All, Broken { sound, error_m: f64::NAN }).unwrap()
         };
         let (mut failing, mut untouched) = (filter(), filter());
@@ -387,9 +387,9 @@ fn a_landmark_at_the_sensor_itself_says_nothing_and_spoils_nothing() {
 fn lengths_that_no_robot_has_are_refused_by_name() {
     type Limit = (&'static str, fn(&mut Config, f64), f64);
     let limits: [Limit; 6] = [
-        ("sensor.mounting.x_m", |config, value| config.sensor.mounting.x_m = value, 1e6),
-        ("sensor.max_range_m", |config, value| config.sensor.max_range_m = value, 1e6),
-        ("sensor.bearing_std_rad", |config, value| config.sensor.bearing_std_rad = value, 1e3),
+        ("sensor.mounting.x_m", |config, value| config.sensor.change(|s| s.mounting.x_m = value), 1e6),
+        ("sensor.max_range_m", |config, value| config.sensor.change(|s| s.max_range_m = value), 1e6),
+        ("sensor.bearing_std_rad", |config, value| config.sensor.change(|s| s.bearing_std_rad = value), 1e3),
         ("initial_pose.y_m", |config, value| config.initial_pose.y_m = value, 1e8),
         ("filter.path_period_s", |config, value| config.filter.path_period_s = value, 1e9),
         ("health.largest_innovation_ratio", |config, value| config.health.largest_innovation_ratio = value, 1e12),
@@ -568,7 +568,7 @@ proptest! {
     ) {
         let mut config = config(algorithm);
         config.filter.particles = particles;
-        config.sensor.tail_degrees_of_freedom = tail;
+        config.sensor.change(|s| s.tail_degrees_of_freedom = tail);
         config.motion = Motion::Velocity(Velocity { lateral_std_m_per_s: 0.1, ..Velocity::default() });
         let mut filter = FastSlam::new(config, identities).unwrap();
         for (step, (speed, yaw_rate, scan)) in log.iter().enumerate() {

@@ -33,7 +33,7 @@ fn drive(motion: Motion, beam_period_s: Option<f64>) -> (Vec<ControlRow>, Vec<Sc
     geometry.beam_period_s = beam_period_s;
     let mut config = Config { seed: 3, motion: log.motion.clone(), sensor: log.sensor.clone(), ..Config::default() };
     (config.filter.particles, config.association.mode) = (15, AssociationMode::Unknown);
-    config.sensor.mounting.y_m = 0.2;
+    config.sensor.change(|s| s.mounting.y_m = 0.2);
     let controls = log.control_stamp_s.iter().zip(&log.controls);
     let controls =
         controls.map(|(stamp_s, control)| ControlRow { stamp_s: *stamp_s, control: *control, covariance: None });
@@ -55,7 +55,7 @@ fn detected(controls: &[ControlRow], scans: &[ScanRow], scanner: &Scanner, confi
     };
     for scan in scans {
         let velocity = velocity_at(&config.motion, controls, scan.stamp_s);
-        let twist = Some(at_sensor(velocity, config.sensor.mounting.T_robot_sensor()));
+        let twist = Some(at_sensor(velocity, config.sensor.T_robot_sensor()));
         let mut found = Vec::new();
         let turn = Scan { ranges_m: &scan.ranges_m, intensities: None, geometry: scanner.geometry, twist };
         detector.detect(&turn, &mut found).unwrap();

@@ -166,8 +166,8 @@ fn every_store_gives_the_same_bits_by_every_method_with_everything_that_associat
                 config.algorithm = algorithm;
                 with_everything(&mut config, method);
                 // A sensor that is worse than the filter believes makes duplicates.
-                config.sensor.range_std_m *= 0.3;
-                config.sensor.bearing_std_rad *= 0.3;
+                config.sensor.change(|s| s.range_std_m *= 0.3);
+                config.sensor.change(|s| s.bearing_std_rad *= 0.3);
                 let output = agreed(&config, &log);
                 let infos = || output.steps.iter().map(|s| s.info);
                 merged += infos().map(|i| i.changes.merged).sum::<u32>();

@@ -3,7 +3,7 @@
 use fastslam_core::association::Appearance;
 use fastslam_core::filter::Sighting;
 use fastslam_core::geometry::{Matrix3, Symmetric2};
-use fastslam_core::measurement::SensorModel;
+use fastslam_core::measurement::Sensor;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -96,10 +96,10 @@ pub fn sightings(
 }
 
 /// Sightings as the sensor of a run makes them: what it does not measure counts for nothing.
-pub fn of_sensor(model: SensorModel, mut sightings: Vec<Sighting>) -> Vec<Sighting> {
+pub fn of_sensor(sensor: &Sensor, mut sightings: Vec<Sighting>) -> Vec<Sighting> {
     for sighting in &mut sightings {
         let [range_m, bearing_rad] = sighting.value;
-        sighting.value = model.value_of(range_m, bearing_rad);
+        sighting.value = sensor.value_of(range_m, bearing_rad);
     }
     sightings
 }

@@ -176,7 +176,7 @@ fn sensor_twists<'py>(
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let config = crate::config::parse(config_json)?;
     let rows = control_rows(&control_stamps_s, &controls)?;
-    let mounting = config.sensor.mounting.T_robot_sensor();
+    let mounting = config.sensor.T_robot_sensor();
     let twist = |stamp_s: &f64| at_sensor(velocity_at(&config.motion, &rows, *stamp_s), mounting);
     let twists: Vec<f64> = stamp_s.as_array().iter().flat_map(twist).collect();
     twists.into_pyarray(py).reshape([stamp_s.as_array().len(), 3])

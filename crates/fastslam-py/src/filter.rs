@@ -77,7 +77,7 @@ impl Scan<'_> {
         let Self(range_m, bearing_rad, identity, noise, class_index, signature) = self;
         let looks = arrays::Looks { class_index, signature };
         let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref(), &looks)?;
-        let sightings = arrays::of_sensor(config.sensor.model, sightings);
+        let sightings = arrays::of_sensor(&config.sensor, sightings);
         config.association.check_classes(&sightings).map_err(to_python)?;
         Ok(sightings)
     }

@@ -171,7 +171,7 @@ pub fn run<'py>(
         controls: arrays::controls(&controls)?,
         control_covariances: arrays::control_covariances(control_covariance.as_ref())?,
         sighting_stamps_s: sighting_stamps_s.as_array().to_vec(),
-        sightings: arrays::of_sensor(config.sensor.model, sightings),
+        sightings: arrays::of_sensor(&config.sensor, sightings),
     };
     let checkpoints = checkpoint.map(|callback| Checkpoints::new(callback, checkpoint_every_s));
     let total = log.step_bound(config.filter.path_period_s);

@@ -86,7 +86,8 @@ impl Sensor {
         })?;
         let foreign = Foreign { sensor: self.clone(), noise, columns, births };
         // Scale and bias are those of ranges: alone, or where somebody asks for them.
-        let asked = config.sensor.range_scale_std.is_some() || config.sensor.range_bias_std_m.is_some();
+        let errors = config.sensor.range_errors();
+        let asked = errors.range_scale_std.is_some() || errors.range_bias_std_m.is_some();
         Ok(match columns[0] == 0 && (Z == 1 || asked) {
             true => Box::new(PartialSlam::learning(config, foreign)?),
             false => Box::new(PartialSlam::new(config, foreign)?),

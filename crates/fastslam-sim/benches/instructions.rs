@@ -74,7 +74,7 @@ fn step(algorithm: Algorithm, identities: Identities, repetitions: u32) {
     config.filter.particles = PARTICLES as u32;
     // The plain filter: what draws cost is measured elsewhere.
     config.filter.rejuvenation.every_steps = Some(0);
-    config.sensor.max_range_m = 100.0;
+    config.sensor.change(|s| s.max_range_m = 100.0);
     config.motion = Motion::Velocity(Velocity { noise_period_s: Some(0.1), ..Velocity::default() });
     let mut filter = FastSlam::new(config, identities).expect("a valid configuration");
     let sighting = |n: u32| {

@@ -1,7 +1,7 @@
 //! The settings of a simulation.
 
 use fastslam_core::geometry::Pose;
-use fastslam_core::measurement::Sensor;
+use fastslam_core::measurement::SensorSettings;
 use fastslam_core::motion::Motion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,7 @@ pub struct SimulationConfig {
     /// Motion model: the kind of odometry that is recorded, and its noise.
     pub motion: Motion,
     /// Sensor: its noise, limits and mounting.
-    pub sensor: Sensor,
+    pub sensor: SensorSettings,
     /// When the sensor looks, and what goes wrong then.
     pub scan: ScanConfig,
 }
@@ -47,7 +47,7 @@ impl Default for SimulationConfig {
             control_period_s: 0.1,
             max_duration_s: None,
             motion: Motion::default(),
-            sensor: Sensor { max_range_m: 10.0, ..Sensor::default() },
+            sensor: SensorSettings { max_range_m: 10.0, ..SensorSettings::default() },
             scan: ScanConfig::default(),
         }
     }

@@ -160,6 +160,6 @@ pub fn assemble(config: &SimulationConfig, parts: Parts) -> SimulatedLog {
         },
         class_names: world.class_names,
         motion: config.motion.clone(),
-        sensor: config.sensor.clone(),
+        sensor: config.sensor.clone().into(),
     }
 }

@@ -5,7 +5,7 @@ use crate::config::{
     SimulationConfig, Trajectory, VehicleConfig, World,
 };
 use fastslam_core::error::{Error, Result};
-use fastslam_core::measurement::Sensor;
+use fastslam_core::measurement::SensorSettings;
 use fastslam_core::motion::{Ackermann, Increments, Motion, Velocity};
 use std::f64::consts::PI;
 
@@ -58,8 +58,13 @@ fn random(count: u32, size_m: [f64; 2], min_spacing_m: f64) -> World {
     World::Random(RandomField { count, size_m, min_spacing_m })
 }
 
-fn sensor(range_std_m: f64, bearing_std_deg: f64, max_range_m: f64) -> Sensor {
-    Sensor { range_std_m, bearing_std_rad: bearing_std_deg.to_radians(), max_range_m, ..Sensor::default() }
+fn sensor(range_std_m: f64, bearing_std_deg: f64, max_range_m: f64) -> SensorSettings {
+    SensorSettings {
+        range_std_m,
+        bearing_std_rad: bearing_std_deg.to_radians(),
+        max_range_m,
+        ..SensorSettings::default()
+    }
 }
 
 /// Two laps among 60 landmarks in about a minute.
@@ -117,7 +122,7 @@ fn cones() -> SimulationConfig {
             noise_period_s: Some(0.02),
             ..Velocity::default()
         }),
-        sensor: Sensor { field_of_view_rad: 2.0 * PI / 3.0, min_range_m: 0.5, ..sensor(0.1, 1.0, 15.0) },
+        sensor: SensorSettings { field_of_view_rad: 2.0 * PI / 3.0, min_range_m: 0.5, ..sensor(0.1, 1.0, 15.0) },
         scan: ScanConfig {
             period_s: 0.1,
             detection_probability: 0.9,
@@ -138,7 +143,7 @@ fn orchard() -> SimulationConfig {
         world: World::Orchard(Orchard::default()),
         trajectory: Trajectory::LawnMower(LawnMower { lane_spacing_m: Some(4.0), sweeps: 1 }),
         vehicle: VehicleConfig { speed_m_per_s: 1.5, max_yaw_rate_rad_per_s: 0.8, lookahead_m: 2.0 },
-        sensor: Sensor { field_of_view_rad: 1.5 * PI, ..sensor(0.05, 0.7, 10.0) },
+        sensor: SensorSettings { field_of_view_rad: 1.5 * PI, ..sensor(0.05, 0.7, 10.0) },
         scan: ScanConfig {
             detection_probability: 0.9,
             clutter_per_scan: 0.1,
@@ -178,7 +183,7 @@ fn victoria_like() -> SimulationConfig {
         control_period_s: 0.025,
         max_duration_s: Some(1550.0),
         motion: Motion::Ackermann(Ackermann { noise_period_s: Some(0.025), ..Ackermann::default() }),
-        sensor: Sensor { field_of_view_rad: PI, min_range_m: 1.0, ..sensor(0.5, 1.5, 50.0) },
+        sensor: SensorSettings { field_of_view_rad: PI, min_range_m: 1.0, ..sensor(0.5, 1.5, 50.0) },
         scan: ScanConfig {
             period_s: 0.2,
             detection_probability: 0.6,
@@ -204,7 +209,7 @@ fn rover() -> SimulationConfig {
             noise_period_s: Some(0.1),
             ..Velocity::default()
         }),
-        sensor: Sensor { field_of_view_rad: PI, min_range_m: 0.1, ..sensor(0.05, 0.6, 20.0) },
+        sensor: SensorSettings { field_of_view_rad: PI, min_range_m: 0.1, ..sensor(0.05, 0.6, 20.0) },
         scan: ScanConfig {
             period_s: 0.5,
             identities: Identities::None,

@@ -6,7 +6,7 @@ use crate::grid::PointGrid;
 use crate::log::SimulatedSightings;
 use crate::world::Scene;
 use fastslam_core::geometry::Pose;
-use fastslam_core::measurement::{MeasurementModel, RangeBearing};
+use fastslam_core::measurement::{MeasurementModel, RangeBearing, SensorSettings};
 
 /// One report of the sensor, before it is filed.
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +23,8 @@ struct Sighting {
 pub fn scan(config: &SimulationConfig, scene: &Scene, poses: &[Pose], draws: Draws) -> (SimulatedSightings, Vec<bool>) {
     // A quarter of the range: the cells' union then exceeds the disc by little.
     let grid = PointGrid::from_points(&scene.position_m, 0.25 * config.sensor.max_range_m);
-    let scanner = Scanner { config, scene, grid, draws, model: config.sensor.range_bearing() };
+    let SensorSettings { range_std_m, bearing_std_rad, .. } = config.sensor;
+    let scanner = Scanner { config, scene, grid, draws, model: RangeBearing { range_std_m, bearing_std_rad } };
     let T_robot_sensor = config.sensor.mounting.T_robot_sensor();
     let mut log = SimulatedSightings::default();
     let mut seen = vec![false; scene.position_m.len()];

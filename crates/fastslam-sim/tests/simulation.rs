@@ -1,7 +1,7 @@
 //! What a simulated log promises, checked against its own truth.
 use fastslam_core::error::Error;
 use fastslam_core::geometry::Pose;
-use fastslam_core::measurement::{MeasurementModel, Mounting, Placing, Sensor};
+use fastslam_core::measurement::{MeasurementModel, Mounting, Placing, Sensor, SensorSettings};
 use fastslam_core::motion::{
     Ackermann, ControlTiming, Correction, Increments, Motion, Odometry, Proportional, Velocity,
 };
@@ -142,7 +142,7 @@ fn sighting_noise_has_the_configured_moments() {
     config.scan.signature = Some(Signature::default());
     config.scan.period_s = 2.0;
     let log = simulate(&config).unwrap();
-    let model = config.sensor.range_bearing();
+    let model = Sensor::from(config.sensor.clone()).range_bearing().unwrap();
     let mut errors = [vec![], vec![], vec![]];
     for (i, T_world_sensor) in sensor_poses(&config, &log).into_iter().enumerate() {
         let landmark = log.sightings.true_identity[i] as usize;
@@ -161,16 +161,16 @@ fn sighting_noise_has_the_configured_moments() {
 #[test]
 fn sightings_through_a_lever_arm_hit_their_landmarks() {
     let mut config = base();
-    config.sensor = Sensor {
+    config.sensor = SensorSettings {
         range_std_m: 1e-9,
         bearing_std_rad: 1e-9,
         max_range_m: 15.0,
         mounting: Mounting { x_m: 1.5, y_m: -0.6, yaw_rad: 0.8 },
-        ..Sensor::default()
+        ..SensorSettings::default()
     };
     config.start = Some(Start { x_m: 30.0, y_m: -20.0, heading_rad: 2.0 });
     let log = simulate(&config).unwrap();
-    let model = config.sensor.range_bearing();
+    let model = Sensor::from(config.sensor.clone()).range_bearing().unwrap();
     assert!(log.sightings.len() > 1000);
     for (i, T_world_sensor) in sensor_poses(&config, &log).into_iter().enumerate() {
         let hit = model.inverse(T_world_sensor, [log.sightings.range_m[i], log.sightings.bearing_rad[i]]);
@@ -183,18 +183,18 @@ fn sightings_through_a_lever_arm_hit_their_landmarks() {
 #[test]
 fn visibility_equals_brute_force() {
     let mut config = base();
-    config.sensor = Sensor {
+    config.sensor = SensorSettings {
         range_std_m: 1e-9,
         bearing_std_rad: 1e-9,
         min_range_m: 2.0,
         max_range_m: 9.0,
         field_of_view_rad: 2.0,
         mounting: Mounting { x_m: 0.5, y_m: 0.2, yaw_rad: -0.7 },
-        ..Sensor::default()
+        ..SensorSettings::default()
     };
     let log = simulate(&config).unwrap();
     let T_robot_sensor = config.sensor.mounting.T_robot_sensor();
-    let model = config.sensor.range_bearing();
+    let model = Sensor::from(config.sensor.clone()).range_bearing().unwrap();
     let (mut row, mut expected_total) = (0, 0);
     for step in (0..log.T_world_robot.len()).step_by(config.controls_per_scan()) {
         let T_world_sensor = Pose::from(log.T_world_robot[step]).compose(T_robot_sensor);
@@ -227,7 +227,7 @@ fn visibility_equals_brute_force() {
 fn misses_clutter_withheld_names_and_confused_classes_come_at_their_rates() {
     let mut config = base();
     config.classes = Classes { names: vec!["oak".into(), "elm".into(), "fir".into()], confusion_probability: 0.2 };
-    config.sensor = Sensor { range_std_m: 1e-9, bearing_std_rad: 1e-9, ..config.sensor };
+    config.sensor = SensorSettings { range_std_m: 1e-9, bearing_std_rad: 1e-9, ..config.sensor };
     let all = simulate(&config).unwrap().sightings.len() as f64;
     config.scan.detection_probability = 0.7;
     config.scan.clutter_per_scan = 2.5;
@@ -267,7 +267,7 @@ fn misses_clutter_withheld_names_and_confused_classes_come_at_their_rates() {
 #[test]
 fn the_nearest_are_kept_when_sightings_are_limited() {
     let mut config = base();
-    config.sensor = Sensor { range_std_m: 1e-9, bearing_std_rad: 1e-9, ..config.sensor };
+    config.sensor = SensorSettings { range_std_m: 1e-9, bearing_std_rad: 1e-9, ..config.sensor };
     let all = simulate(&config).unwrap();
     config.scan.max_sightings_per_scan = Some(3);
     let limited = simulate(&config).unwrap();

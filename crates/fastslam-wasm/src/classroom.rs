@@ -81,10 +81,11 @@ impl Classroom {
     pub fn logged(replay: Replay, settings: &Settings) -> Result<Self, String> {
         settings.validate()?;
         let sensor = &replay.config.sensor;
+        let model = sensor.range_bearing().map_err(|error| error.to_string())?;
         let view = SensorView {
-            T_robot_sensor: sensor.mounting.T_robot_sensor(),
+            T_robot_sensor: sensor.T_robot_sensor(),
             error: sensor.systematic_error(),
-            std: [sensor.range_std_m, sensor.bearing_std_rad],
+            std: [model.range_std_m, model.bearing_std_rad],
         };
         let configs = settings.filters.iter().map(|&algorithm| settings.adapt(replay.config.clone(), algorithm));
         let observers: Result<Vec<_>, _> = configs.map(|config| Observer::new(config, replay.identities)).collect();

@@ -104,9 +104,11 @@ impl Settings {
             ..Velocity::default()
         };
         let mut config = Config { motion: Motion::Velocity(velocity), ..Config::default() };
-        config.sensor.range_std_m = self.range_std_m * self.believed_noise;
-        config.sensor.bearing_std_rad = self.bearing_std_rad * self.believed_noise;
-        config.sensor.max_range_m = self.reach_m + 10.0 * self.range_std_m;
+        config.sensor.change(|sensor| {
+            sensor.range_std_m = self.range_std_m * self.believed_noise;
+            sensor.bearing_std_rad = self.bearing_std_rad * self.believed_noise;
+            sensor.max_range_m = self.reach_m + 10.0 * self.range_std_m;
+        });
         config.association.mode = if self.names { AssociationMode::Known } else { AssociationMode::Unknown };
         self.adapt(config, algorithm)
     }

@@ -55,7 +55,7 @@ pub fn read(files: &Files, settings: &Settings) -> Result<(LogData, Config, Vec<
     let (stamps, controls, model) = odometry(&files.odometry, &stated, &mut notes)?;
     let config = configuration(stated, model, settings, &mut notes)?;
     let mut sightings = sightings(&files.sightings, &mut notes)?;
-    sightings.iter_mut().for_each(|(stamp_s, _)| *stamp_s -= config.sensor.delay_s);
+    sightings.iter_mut().for_each(|(stamp_s, _)| *stamp_s -= config.sensor.common().delay_s);
     sightings.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let (sighting_stamps_s, sightings) = sightings.into_iter().unzip();
     let log = LogData { control_stamps_s: stamps, controls, control_covariances: vec![], sighting_stamps_s, sightings };

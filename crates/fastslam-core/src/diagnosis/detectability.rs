@@ -4,7 +4,7 @@
 //! of the view, and nothing of what stands behind something else.
 
 use crate::math;
-use crate::measurement::Sensor;
+use crate::measurement::Common;
 use serde::{Deserialize, Serialize};
 
 /// Rings of the view: each ends at 1/√2 of the range of the one around it, the innermost takes the rest.
@@ -56,7 +56,7 @@ pub(crate) struct Detectability {
 
 impl Detectability {
     /// Of a sensor of which nothing is known but its limits.
-    pub fn new(sensor: &Sensor) -> Self {
+    pub fn new(sensor: &Common) -> Self {
         Self {
             near_m: sensor.min_range_m,
             far_m: sensor.max_range_m,
@@ -110,10 +110,11 @@ impl Detectability {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measurement::Sensor;
 
     fn sensor() -> Detectability {
-        let sensor = Sensor { min_range_m: 0.5, max_range_m: 16.0, field_of_view_rad: 3.0, ..Default::default() };
-        Detectability::new(&sensor)
+        let common = *Sensor::default().common();
+        Detectability::new(&Common { min_range_m: 0.5, max_range_m: 16.0, field_of_view_rad: 3.0, ..common })
     }
 
     #[test]

@@ -110,7 +110,7 @@ pub(crate) struct View {
 impl View {
     /// That of the configured sensor: the part in which the map must be seen to exist.
     pub fn of(config: &Config) -> Self {
-        let (sensor, existence) = (&config.sensor, &config.association.existence);
+        let (sensor, existence) = (config.sensor.common(), &config.association.existence);
         Self {
             T_robot_sensor: sensor.mounting.T_robot_sensor(),
             near_m: sensor.min_range_m,

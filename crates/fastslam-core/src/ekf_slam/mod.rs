@@ -130,8 +130,7 @@ impl EkfSlam {
     ///
     /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
     pub fn new(config: Config, identities: Identities) -> Result<Self> {
-        config.sensor.check_places()?;
-        let model = config.sensor.range_bearing();
+        let model = config.sensor.range_bearing()?;
         Self::with_model(config, identities, model)
     }
 }
@@ -143,7 +142,7 @@ impl<M: Placing> EkfSlam<M> {
         config.validate()?;
         Ok(Self {
             identities: identities.heeding(config.association.mode),
-            T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
+            T_robot_sensor: config.sensor.T_robot_sensor(),
             rules: Rules::new(&config, &model),
             state: State::new(&config),
             gain: VectorPair::new(),

@@ -196,7 +196,7 @@ fn count_given<M: Placing>(setup: &Setup<M>, state: &mut State, sighted: &[u32],
 
 /// Whether a place is where the sensor surely sees a landmark.
 fn is_surely_in_view(config: &Config, sensor: Pose, place: [f64; 2]) -> bool {
-    let (settings, limits) = (&config.association.existence, &config.sensor);
+    let (settings, limits) = (&config.association.existence, config.sensor.common());
     let reach_m = settings.range_fraction * limits.max_range_m;
     let [x, y] = [place[0] - sensor.x, place[1] - sensor.y];
     let squared = x * x + y * y;

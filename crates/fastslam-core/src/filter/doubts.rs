@@ -150,7 +150,7 @@ impl<'a, M: Placing> Knowledge<'a, M> {
         let at = Planar::mean_of(&row);
         let birth = landmarks.birth(founded);
         let sensor = self.setup.models.measurement.noise_covariance().scaled(2.0);
-        let max_range_m = self.setup.settings.config.sensor.max_range_m;
+        let max_range_m = self.setup.settings.config.sensor.common().max_range_m;
         let tolerance = sensor.xx.max(sensor.yy * max_range_m.powi(2));
         let farthest = need.drift.of_place(at, 0).largest_eigenvalue() + tolerance;
         let reach_m = (GATE * farthest).sqrt().min(max_range_m);

@@ -153,7 +153,7 @@ struct View {
 
 impl View {
     fn of(settings: &Settings) -> Self {
-        let (sensor, existence) = (&settings.config.sensor, &settings.config.association.existence);
+        let (sensor, existence) = (settings.config.sensor.common(), &settings.config.association.existence);
         Self {
             near_m: sensor.min_range_m,
             far_m: existence.range_fraction * sensor.max_range_m,

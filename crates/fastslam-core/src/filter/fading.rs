@@ -59,7 +59,7 @@ impl Fading {
     pub fn of(config: &Config, identities: Identities) -> Option<Self> {
         let fades = identities != Identities::All && config.association.existence.removal == Removal::Unconfirmed;
         fades.then(|| Self {
-            detectability: Detectability::new(&config.sensor),
+            detectability: Detectability::new(config.sensor.common()),
             last: None,
             evidence: BTreeMap::new(),
             confirmed: 0,

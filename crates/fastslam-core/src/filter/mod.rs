@@ -94,8 +94,7 @@ impl FastSlam {
     ///
     /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
     pub fn new(config: Config, identities: Identities) -> Result<Self> {
-        config.sensor.check_places()?;
-        let model = config.sensor.range_bearing();
+        let model = config.sensor.range_bearing()?;
         Self::with_model(config, identities, model)
     }
 }

@@ -48,11 +48,8 @@ impl<M: Placing> Setup<M> {
         let rules = Rules::new(&config, &measurement);
         let gate_radius = rules.gate_radius(&measurement, config.sensor.tail());
         let workers = Workers::new(config.filter.threads)?;
-        let models = Models {
-            measurement,
-            T_robot_sensor: config.sensor.mounting.T_robot_sensor(),
-            lever_arm_m: config.sensor.mounting.x_m.hypot(config.sensor.mounting.y_m),
-        };
+        let T_robot_sensor = config.sensor.T_robot_sensor();
+        let models = Models { measurement, T_robot_sensor, lever_arm_m: T_robot_sensor.x.hypot(T_robot_sensor.y) };
         let random = RandomSource::new(config.seed);
         Ok(Self { models, settings: Settings { config, identities, rules, gate_radius, random }, workers })
     }

@@ -21,16 +21,16 @@ pub(crate) fn usable<'a, M: Placing>(
     sightings: &'a [Sighting],
     skipped: &'a mut Skipped,
 ) -> impl Iterator<Item = ScanSighting> + 'a {
-    let tail = sensor.tail();
+    let (tail, error, limits) = (sensor.tail(), sensor.systematic_error(), sensor.common());
     sightings.iter().filter_map(move |s| {
         let identity = if identities == Identities::None { None } else { s.identity };
-        let value = model.corrected(s.value, sensor);
+        let value = model.corrected(s.value, &error);
         let range = model.range(value);
         if !model.is_usable(value) {
             skipped.not_finite += 1;
-        } else if range < sensor.min_range_m {
+        } else if range < limits.min_range_m {
             skipped.too_near += 1;
-        } else if range > sensor.max_range_m {
+        } else if range > limits.max_range_m {
             skipped.too_far += 1;
         } else if identity.is_none() && identities == Identities::All {
             skipped.without_identity += 1;

@@ -1,6 +1,6 @@
 //! Measurement models of any size: how many numbers a sighting has, and how many coordinates a landmark.
 
-use super::Sensor;
+use super::SystematicError;
 use crate::geometry::{Pose, Symmetric2};
 use crate::normal::{Cholesky, Matrix, Normal};
 use crate::real::{Dual, Real};
@@ -84,7 +84,7 @@ pub trait Placing: MeasurementModel<2, 2> + 'static {
     }
 
     /// A reported measurement without the sensor's systematic errors; models without such settings leave it as it is.
-    fn corrected(&self, reported: [f64; 2], _sensor: &Sensor) -> [f64; 2] {
+    fn corrected(&self, reported: [f64; 2], _error: &SystematicError) -> [f64; 2] {
         reported
     }
 

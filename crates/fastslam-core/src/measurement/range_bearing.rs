@@ -1,15 +1,16 @@
 //! Distance and direction of a landmark.
 
-use super::{Component, Linearization, MeasurementModel, Placing, Sensor};
+use super::{Component, Linearization, MeasurementModel, Placing, SystematicError};
 use crate::geometry::{Pose, Symmetric2};
 use crate::normal::Matrix;
 use crate::real::Real;
+use serde::Serialize;
 
 /// Range and bearing.
 ///
 /// **Measurement:** (range in m, bearing in rad, counter-clockwise from the sensor's heading).
 /// **Source:** `montemerlo2002fastslam`, section 4; g = [r, wrap(atan2(dy, dx) − heading)].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RangeBearing {
     /// Standard deviation of the range.
     pub range_std_m: f64,
@@ -66,8 +67,8 @@ impl Placing for RangeBearing {
         [T_world_sensor.x + measured[0] * c, T_world_sensor.y + measured[0] * s]
     }
 
-    fn corrected(&self, reported: [f64; 2], sensor: &Sensor) -> [f64; 2] {
-        sensor.systematic_error().corrected(reported)
+    fn corrected(&self, reported: [f64; 2], error: &SystematicError) -> [f64; 2] {
+        error.corrected(reported)
     }
 
     fn is_usable(&self, measured: [f64; 2]) -> bool {

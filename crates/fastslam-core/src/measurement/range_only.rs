@@ -5,6 +5,7 @@ use crate::geometry::Pose;
 use crate::math;
 use crate::normal::{Matrix, Normal};
 use crate::real::Real;
+use serde::Serialize;
 use std::f64::consts::TAU;
 
 /// Gaussians of a ring at most; a wider ring has wider ones.
@@ -15,7 +16,7 @@ const SPACING: f64 = 1.5;
 /// Range.
 ///
 /// **Measurement:** (range in m,); g = |θ − s|.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RangeOnly {
     /// Standard deviation of the range.
     pub range_std_m: f64,

@@ -73,7 +73,7 @@ impl<S: Sensing<Z>, const Z: usize> Slam for PartialSlam<S, Z> {
             return Ok(());
         }
         let expected = "range_bearing: a filter on sightings that do not place a landmark cannot start in a given map";
-        Err(Error::parameter("sensor.model", self.config.sensor.model.name(), expected))
+        Err(Error::parameter("sensor.model", self.config.sensor.model().name(), expected))
     }
     fn start(&self) -> Pose {
         self.config().initial_pose.T_world_robot()

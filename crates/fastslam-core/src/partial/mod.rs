@@ -29,7 +29,7 @@ use crate::error::{Error, Result};
 use crate::filter::{draw_pose, StepInfo};
 use crate::geometry::Pose;
 use crate::limits::LARGEST_STATE;
-use crate::measurement::{BearingOnly, RangeOnly};
+use crate::measurement::{BearingOnly, BearingSensor, RangeErrors, RangeOnly, RangeSensor, Sensor};
 use crate::motion::RowPart;
 use crate::random::{Purpose, RandomSource};
 use crate::sighting::Sighting;
@@ -44,9 +44,9 @@ const USUAL_STD: [f64; 2] = [0.05, 0.5];
 /// FastSLAM with landmarks that a sighting does not place.
 ///
 /// ```
-/// use fastslam_core::{config::Config, measurement::SensorModel, partial::PartialSlam, sighting::Sighting};
-/// let mut config = Config::default();
-/// config.sensor.model = SensorModel::Range;
+/// use fastslam_core::{config::Config, measurement::{SensorModel, SensorSettings}, partial::PartialSlam, sighting::Sighting};
+/// let sensor = SensorSettings { model: SensorModel::Range, ..Default::default() }.into();
+/// let config = Config { sensor, ..Config::default() };
 /// let mut filter = PartialSlam::range_only(config)?;
 /// filter.update(0.0, &[Sighting::range(4.0, Some(7))])?;
 /// assert!(!filter.map().landmarks[0].confirmed); // Somewhere on a ring.
@@ -67,8 +67,10 @@ impl PartialSlam<RangeOnly, 1> {
     ///
     /// **Errors:** an invalid configuration, or one that asks for what this filter cannot do.
     pub fn range_only(config: Config) -> Result<Self> {
-        let model = RangeOnly { range_std_m: config.sensor.range_std_m };
-        Self::learning(config, model)
+        match config.sensor {
+            Sensor::Range(RangeSensor { model, .. }) => Self::learning(config, model),
+            other => Err(Error::parameter("sensor.model", other.model().name(), "range")),
+        }
     }
 }
 
@@ -78,14 +80,16 @@ impl PartialSlam<BearingOnly, 1> {
     ///
     /// **Errors:** as [`PartialSlam::range_only`].
     pub fn bearing_only(config: Config) -> Result<Self> {
-        let sensor = &config.sensor;
-        let (nearest_m, farthest_m) = (sensor.min_range_m, sensor.max_range_m);
+        let Sensor::Bearing(BearingSensor { bearing_std_rad, bearing_bias_rad, common }) = config.sensor else {
+            return Err(Error::parameter("sensor.model", config.sensor.model().name(), "bearing"));
+        };
+        let (nearest_m, farthest_m) = (common.min_range_m, common.max_range_m);
         if nearest_m > farthest_m {
             let expected = format!("at most sensor.max_range_m = {farthest_m}");
             return Err(Error::parameter("sensor.min_range_m", nearest_m, expected));
         }
-        let model = BearingOnly { bearing_std_rad: sensor.bearing_std_rad, nearest_m, farthest_m };
-        let mean = Calibration { scale: 1.0, bias: sensor.bearing_bias_rad };
+        let model = BearingOnly { bearing_std_rad, nearest_m, farthest_m };
+        let mean = Calibration { scale: 1.0, bias: bearing_bias_rad };
         Self::with_sensor(config, model, Prior { mean, std: [0.0; 2] })
     }
 }
@@ -96,9 +100,10 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     ///
     /// **Errors:** as [`PartialSlam::range_only`].
     pub fn learning(config: Config, sensor: S) -> Result<Self> {
-        let std = [config.sensor.range_scale_std, config.sensor.range_bias_std_m];
+        let RangeErrors { range_scale, range_bias_m, range_scale_std, range_bias_std_m } = config.sensor.range_errors();
+        let std = [range_scale_std, range_bias_std_m];
         let std = std::array::from_fn(|i| std[i].unwrap_or(USUAL_STD[i]));
-        let mean = Calibration { scale: config.sensor.range_scale, bias: config.sensor.range_bias_m };
+        let mean = Calibration { scale: range_scale, bias: range_bias_m };
         Self::with_sensor(config, sensor, Prior { mean, std })
     }
 
@@ -115,7 +120,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let random = RandomSource::new(config.seed);
         let state = State::new(&config, vec![prior.mean; config.filter.particles as usize]);
         let workers = Workers::new(1)?;
-        let T_robot_sensor = config.sensor.mounting.T_robot_sensor();
+        let T_robot_sensor = config.sensor.T_robot_sensor();
         Ok(Self { config, sensor, T_robot_sensor, prior, random, workers, state })
     }
 

@@ -87,7 +87,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
 
     /// A sighting that can be used; others are counted by reason.
     fn usable(&self, sighting: &Sighting, skipped: &mut Skipped) -> Option<Named<Z>> {
-        let sensor = &self.config.sensor;
+        let (limits, tail) = (self.config.sensor.common(), self.config.sensor.tail());
         let columns = self.sensor.columns();
         let measured = columns.map(|column| sighting.value[column]);
         let distance_m = self.sensor.distance(&self.prior.mean.corrected(measured));
@@ -97,16 +97,16 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         };
         if !measured.iter().all(|v| v.is_finite()) {
             skipped.not_finite += 1;
-        } else if distance_m.is_some_and(|distance_m| distance_m < sensor.min_range_m) {
+        } else if distance_m.is_some_and(|distance_m| distance_m < limits.min_range_m) {
             skipped.too_near += 1;
-        } else if distance_m.is_some_and(|distance_m| distance_m > sensor.max_range_m) {
+        } else if distance_m.is_some_and(|distance_m| distance_m > limits.max_range_m) {
             skipped.too_far += 1;
         } else if sighting.identity.is_none() {
             skipped.without_identity += 1;
         } else if noise.is_some_and(|c| !sized(&c)) {
             skipped.bad_covariance += 1;
         } else {
-            let noise = Noise { covariance: noise.unwrap_or(self.sensor.noise()), tail: sensor.tail() };
+            let noise = Noise { covariance: noise.unwrap_or(self.sensor.noise()), tail };
             return Some(Named { identity: sighting.identity?, measured, noise });
         }
         None

@@ -6,7 +6,7 @@ use crate::detect::{BeamGeometry, Detection, Detector, DetectorConfig, Scan};
 use crate::error::{Error, Result};
 use crate::geometry::Pose;
 use crate::math;
-use crate::measurement::SensorModel;
+use crate::measurement::Sensor;
 use crate::motion::{ControlTiming, Motion};
 use crate::sighting::Sighting;
 use crate::timeline::ControlRow;
@@ -119,15 +119,12 @@ impl Scanning {
             return Ok(None);
         }
         let twist = self.corrects().then(|| {
-            at_sensor(
-                velocity_at(&config.motion, &self.queue.controls, stamp_s),
-                config.sensor.mounting.T_robot_sensor(),
-            )
+            at_sensor(velocity_at(&config.motion, &self.queue.controls, stamp_s), config.sensor.T_robot_sensor())
         });
         let scan = self.queue.scans.remove(0);
         self.found.clear();
         self.detector.detect(&scan.of(self.scanner.geometry, twist), &mut self.found)?;
-        let seen = self.found.iter().map(|detection| sighting(detection, config.sensor.model)).collect();
+        let seen = self.found.iter().map(|detection| sighting(detection, &config.sensor)).collect();
         Ok(Some((stamp_s, seen)))
     }
 
@@ -206,8 +203,8 @@ pub fn at_sensor([forward, left, turn]: [f64; 3], T_robot_sensor: Pose) -> [f64;
     [c * forward + s * left, c * left - s * forward, turn]
 }
 
-fn sighting(detection: &Detection, model: SensorModel) -> Sighting {
+fn sighting(detection: &Detection, sensor: &Sensor) -> Sighting {
     let Detection { range_m, bearing_rad, covariance, signature, .. } = *detection;
     let appearance = Appearance { class: None, signature: (!signature.is_nan()).then_some(signature) };
-    Sighting { value: model.value_of(range_m, bearing_rad), identity: None, noise: Some(covariance), appearance }
+    Sighting { value: sensor.value_of(range_m, bearing_rad), identity: None, noise: Some(covariance), appearance }
 }

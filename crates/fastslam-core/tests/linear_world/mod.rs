@@ -67,8 +67,8 @@ pub fn config(algorithm: Algorithm, particles: u32, seed: u64) -> Config {
     });
     config.filter.particles = particles;
     // A Cartesian sighting is as good near the sensor as far from it.
-    config.sensor.min_range_m = 1e-9;
-    config.sensor.max_range_m = 1e6;
+    config.sensor.change(|s| s.min_range_m = 1e-9);
+    config.sensor.change(|s| s.max_range_m = 1e6);
     config
 }
 
