@@ -1,7 +1,7 @@
 //! Filters that begin in a given map, at a start that is not known exactly.
 
 use crate::linear_world::{self, exact, sighting, LANDMARKS, MODEL};
-use fastslam_core::config::{Algorithm, AssociationMode, Config, MergingRule, Removal};
+use fastslam_core::config::{Algorithm, AssociationMode, Classes, Config, MergingRule, Removal};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::gaussian::Gaussian;
 use fastslam_core::geometry::{Pose, Symmetric2};
@@ -106,6 +106,26 @@ fn begun(algorithm: Algorithm, store: StoreKind, given: &Beginning) -> FastSlam 
 }
 
 #[test]
+fn what_a_given_map_occupies_does_not_grow_with_the_particles() {
+    let given = map(Role::Prior, 0.05);
+    let bytes = |store: StoreKind, particles: u32| {
+        let mut config = config(Algorithm::Fastslam2, store);
+        config.filter.particles = particles;
+        config.association.classes = Some(Classes { number: 3, ..Classes::default() });
+        let mut filter = FastSlam::new(config, Identities::None).unwrap();
+        filter.begin(&given).unwrap();
+        assert_eq!(filter.store_usage().rows, given.landmarks.len(), "{store:?}");
+        filter.store_usage().bytes
+    };
+    for store in STORES {
+        // Rows of its own would be 144 times six numbers of the Gaussian, two of existence and six of looks: 16 kB. What
+        // finds its map, and rows to work on, are a tenth of that at most.
+        let of_a_particle = bytes(store, 1100).saturating_sub(bytes(store, 100)) / 1000;
+        assert!(of_a_particle <= 144 * 8 * (6 + 2 + 6) / 10, "{store:?}: {of_a_particle} bytes");
+    }
+}
+
+#[test]
 fn a_fixed_map_localises_and_stays_what_it_was_in_every_store() {
     for algorithm in [Algorithm::Fastslam1, Algorithm::Fastslam2] {
         let mut first: Option<Vec<u64>> = None;
@@ -132,11 +152,9 @@ fn a_fixed_map_localises_and_stays_what_it_was_in_every_store() {
                 sighted += counts.sighted;
             }
             assert!(sighted > 1000, "{sighted}");
-            if store == StoreKind::Lineage {
-                assert_eq!(rows, given.landmarks.len(), "one row each, for all particles");
-                // What a lineage founded itself has at most a row per particle.
-                assert!(filter.store_usage().rows <= rows + 100 * (landmarks.len() - rows));
-            }
+            assert_eq!(rows, given.landmarks.len(), "{store:?}: one row each, for all particles");
+            // What a lineage founded itself has at most a row per particle.
+            assert!(filter.store_usage().rows <= rows + 100 * (landmarks.len() - rows), "{store:?}");
             let path = filter.best_path();
             said.extend(path.iter().flat_map(|(_, pose)| pose.to_array()).map(f64::to_bits));
             assert!(path.len() > 100);

@@ -47,12 +47,25 @@ impl Appearances {
 
     /// Adds a landmark that nothing is known of, in all maps.
     pub fn insert(&mut self, slot: u32) {
-        let n = self.store.particle_count();
+        let rows = self.unknown(self.store.particle_count());
+        self.store.insert(slot, &rows);
+    }
+
+    /// Adds a landmark of a given map, which looks alike in all maps: one row.
+    pub fn adopt(&mut self, slot: u32, appearance: Appearance) {
+        let mut row = self.unknown(1);
+        let known = self.heeded(appearance);
+        take_over(&mut RowsMut::new(&mut row, 1), 0, (&self.classes, &self.signatures), known);
+        self.store.insert_shared(slot, &row);
+    }
+
+    /// Rows of so many particles of which nothing is known, column after column.
+    fn unknown(&self, n: usize) -> Vec<f64> {
         let chance = self.classes.as_ref().map_or(0.0, |classes| 1.0 / f64::from(classes.number));
         let mut rows = vec![0.0; self.columns * n];
         rows[..n].fill(1.0);
         rows[FIRST_CLASS * n..].fill(chance);
-        self.store.insert(slot, &rows);
+        rows
     }
 
     /// Takes a landmark out of all maps.
@@ -116,20 +129,13 @@ impl Appearances {
 
     /// Takes a sighting's appearance for the landmark's own in the maps that `mask` marks.
     pub fn learn(&mut self, slot: u32, mask: &[bool], appearance: Appearance) {
-        let Appearance { class, signature } = self.heeded(appearance);
-        if class.is_none() && signature.is_none() {
+        let seen = self.heeded(appearance);
+        if seen.class.is_none() && seen.signature.is_none() {
             return;
         }
         let Self { store, classes, signatures, .. } = self;
         store.update(slot, Some(mask), &mut |mut rows| {
-            for i in (0..mask.len()).filter(|i| mask[*i]) {
-                if let (Some(classes), Some(class)) = (&classes, class) {
-                    multiply_classes(&mut rows, i, classes.number, |c| classes.confusion(class, c));
-                }
-                if let (Some(signatures), Some(signature)) = (&signatures, signature) {
-                    fuse_signature(&mut rows, i, [signature, signatures.std * signatures.std]);
-                }
-            }
+            (0..mask.len()).filter(|i| mask[*i]).for_each(|i| take_over(&mut rows, i, (classes, signatures), seen));
         });
     }
 
@@ -190,6 +196,21 @@ fn multiply_classes(rows: &mut RowsMut<'_>, i: usize, number: u32, likelihood: i
         total += *probability;
     }
     (0..number).for_each(|c| rows.column(FIRST_CLASS + c as usize)[i] /= total);
+}
+
+/// Takes a sighting's appearance for the landmark's own in one map.
+fn take_over(
+    rows: &mut RowsMut<'_>,
+    i: usize,
+    (classes, signatures): (&Option<Classes>, &Option<Signatures>),
+    seen: Appearance,
+) {
+    if let (Some(classes), Some(class)) = (classes, seen.class) {
+        multiply_classes(rows, i, classes.number, |c| classes.confusion(class, c));
+    }
+    if let (Some(signatures), Some(signature)) = (signatures, seen.signature) {
+        fuse_signature(rows, i, [signature, signatures.std * signatures.std]);
+    }
 }
 
 /// Combines one map's signature with another estimate of it.

@@ -147,8 +147,7 @@ impl<const D: usize> Landmarks<D> {
         slot
     }
 
-    /// Adds a landmark whose row is the same in all maps, with the log-odds that it exists: one row for all particles where
-    /// the store can.
+    /// Adds a landmark whose row is the same in all maps, with the log-odds that it exists: one row for all particles.
     fn insert_shared(&mut self, identity: Option<u32>, row: &mut [f64], log_odds: f64) -> u32 {
         if let (Some(identity), Some(mark)) = (identity, row.get_mut(Columns::<D>::IDENTITY)) {
             *mark = f64::from(identity) + 1.0;
@@ -157,9 +156,6 @@ impl<const D: usize> Landmarks<D> {
         self.store.insert_shared(slot, row);
         if let Some(existence) = &mut self.existence {
             existence.insert_shared(slot, &[1.0, log_odds]);
-        }
-        if let Some(appearances) = &mut self.appearances {
-            appearances.insert(slot);
         }
         if self.grid.is_some() {
             self.update_place(slot);
@@ -337,7 +333,7 @@ impl Landmarks {
         Planar::write(f64::from(landmark.sightings.max(1)), &landmark.place, &mut row);
         let slot = self.insert_shared(landmark.identity, &mut row, log_odds);
         if let Some(appearances) = &mut self.appearances {
-            appearances.learn(slot, &vec![true; self.store.particle_count()], landmark.appearance);
+            appearances.adopt(slot, landmark.appearance);
         }
         slot
     }

@@ -118,11 +118,9 @@ pub trait LandmarkStore: Send + Sync {
     /// Adds a landmark, with the rows of all particles as columns one after the other. What the slot held is gone.
     fn insert(&mut self, slot: u32, values: &[f64]);
 
-    /// Adds a landmark whose row is the same in all maps. What the slot held is gone.
-    fn insert_shared(&mut self, slot: u32, row: &[f64]) {
-        let particles = self.particle_count();
-        self.insert(slot, &row.iter().flat_map(|value| vec![*value; particles]).collect::<Vec<f64>>());
-    }
+    /// Adds a landmark whose row is the same in all maps: one row, which is copied where a map changes it. What the slot
+    /// held is gone.
+    fn insert_shared(&mut self, slot: u32, row: &[f64]);
 
     /// Empties a slot in all maps.
     fn remove(&mut self, slot: u32);

@@ -16,6 +16,7 @@ struct Model {
 #[derive(Clone, Debug)]
 enum Operation {
     Insert { slot: u32, absent: u8 },
+    Adopt { slot: u32, row: [f64; COLUMNS] },
     Remove { slot: u32 },
     Read { slot: u32 },
     Update { slot: u32, mask: Option<u8>, amount: f64, kind: Change },
@@ -38,6 +39,8 @@ fn any_operation(slots: u32, particles: std::ops::Range<usize>) -> impl Strategy
     let kind = prop_oneof![8 => Just(Change::Alter), 1 => Just(Change::Drop), 1 => Just(Change::Fill)];
     prop_oneof![
         3 => (0..slots, any::<u8>()).prop_map(|(slot, absent)| Operation::Insert { slot, absent }),
+        2 => (0..slots, prop_oneof![9 => Just(1.0), 1 => Just(0.0)], -2.0..2.0)
+            .prop_map(|(slot, count, at)| Operation::Adopt { slot, row: [count, at, 0.25] }),
         1 => (0..slots).prop_map(|slot| Operation::Remove { slot }),
         2 => (0..slots).prop_map(|slot| Operation::Read { slot }),
         6 => (0..slots, any::<Option<u8>>(), -2.0..2.0, kind)
@@ -91,6 +94,13 @@ impl Population {
         let particles = self.model.maps.len();
         match operation {
             Operation::Insert { slot, absent } => self.insert(*slot, *absent),
+            Operation::Adopt { slot, row } => {
+                for map in &mut self.model.maps {
+                    map.remove(slot);
+                    (row[0] != 0.0).then(|| map.insert(*slot, *row));
+                }
+                self.stores.iter_mut().for_each(|(_, store)| store.insert_shared(*slot, row));
+            }
             Operation::Remove { slot } => {
                 for map in &mut self.model.maps {
                     map.remove(slot);
@@ -180,6 +190,47 @@ impl Population {
             }
         }
         seen
+    }
+}
+
+/// Rows and bytes of `slots` landmarks that are one row each, or one of every particle.
+fn usages(kind: StoreKind, particles: usize, slots: u32) -> [(Box<dyn LandmarkStore>, StoreUsage); 2] {
+    [true, false].map(|shared| {
+        let mut store = kind.create(particles, COLUMNS);
+        for slot in 0..slots {
+            let row = [1.0, f64::from(slot), 0.5];
+            if shared {
+                store.insert_shared(slot, &row);
+            } else {
+                store.insert(slot, &row.map(|value| vec![value; particles]).concat());
+            }
+        }
+        let usage = store.usage();
+        (store, usage)
+    })
+}
+
+#[test]
+fn a_given_landmark_is_one_row_in_every_store_and_is_copied_when_it_is_changed() {
+    let (particles, slots) = (100, 300);
+    for kind in [StoreKind::Dense, StoreKind::Tree, StoreKind::Lineage] {
+        let [(mut shared, one), (_, each)] = usages(kind, particles, slots);
+        assert_eq!((one.rows, each.rows), (slots as usize, slots as usize * particles), "{kind:?}");
+        // A row is 24 bytes; what is needed to find one, and room to grow, are less than ten times as much.
+        assert!(one.bytes < 10 * 24 * slots as usize && each.bytes >= 24 * each.rows, "{kind:?}: {one:?} {each:?}");
+        // Neither reading nor resampling makes rows of it.
+        let ancestors: Vec<u32> = (0..particles as u32).map(|i| i / 3).collect();
+        shared.resample(&ancestors);
+        assert!((0..slots).all(|slot| shared.read(slot).column(1) == vec![f64::from(slot); particles]));
+        assert!((0..slots).all(|slot| shared.holders(slot) == particles));
+        assert_eq!(shared.usage().rows, slots as usize, "{kind:?}");
+        // A change in one map costs a row where maps are apart, and a row for every particle where they lie side by side.
+        let mask: Vec<bool> = (0..particles).map(|i| i == 7).collect();
+        shared.update(5, Some(&mask), &mut |mut rows| rows.column(1)[7] = -1.0);
+        let more = if kind == StoreKind::Tree { 1 } else { particles - 1 };
+        assert_eq!(shared.usage().rows, slots as usize + more, "{kind:?}");
+        let expected: Vec<f64> = (0..particles).map(|i| if i == 7 { -1.0 } else { 5.0 }).collect();
+        assert_eq!(shared.read(5).column(1), expected);
     }
 }
 

@@ -5,6 +5,7 @@
 //! place. **Source:** `montemerlo2002fastslam`, section 3.3 and figure 2.
 
 use super::{LandmarkStore, Rows, RowsMut, StoreRef, StoreUsage};
+use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 
 /// "No node": an empty subtree.
@@ -84,13 +85,34 @@ impl TreeStore {
     /// Adds roots above the present ones until `slot` has a place.
     fn grow_for(&mut self, slot: u32) {
         while u64::from(slot) >= 1 << self.height {
-            for root in &mut self.roots {
-                if *root != NONE {
-                    *root = self.inner.allocate([*root, NONE]);
+            let height = self.height;
+            self.replant([height, height + 1], |store, root| {
+                if root == NONE {
+                    return NONE;
                 }
-            }
+                store.hold(root, height);
+                store.inner.allocate([root, NONE])
+            });
             self.height += 1;
         }
+    }
+
+    /// Gives the particles of one tree one new tree, held once, which `make` makes of it. The levels are the heights of
+    /// the old and the new trees.
+    fn replant(&mut self, [before, after]: [u32; 2], make: impl Fn(&mut Self, u32) -> u32) {
+        let (old, mut trees) = (self.roots.clone(), FxHashMap::default());
+        for (particle, root) in old.iter().enumerate() {
+            let tree = match trees.get(root) {
+                Some(&tree) => {
+                    self.hold(tree, after);
+                    tree
+                }
+                None => make(self, *root),
+            };
+            trees.insert(*root, tree);
+            self.roots[particle] = tree;
+        }
+        old.into_iter().for_each(|root| self.release(root, before));
     }
 
     /// Leaf of a slot under a root.
@@ -179,6 +201,19 @@ impl TreeStore {
         self.inner.nodes[node as usize][side] = leaf;
     }
 
+    /// A tree like this one, held once, with a leaf in a slot; the rest of it is shared.
+    fn with_leaf(&mut self, node: u32, level: u32, slot: u32, leaf: u32) -> u32 {
+        let Some(below) = level.checked_sub(1) else {
+            self.hold(leaf, 0);
+            return leaf;
+        };
+        let mut children = if node == NONE { [NONE, NONE] } else { self.inner.nodes[node as usize] };
+        let side = (slot >> below & 1) as usize;
+        children[side] = self.with_leaf(children[side], below, slot, leaf);
+        self.hold(children[1 - side], below);
+        self.inner.allocate(children)
+    }
+
     /// Writes one particle's row from `values` (columns one after the other); absent rows get no leaf.
     fn write_row(&mut self, particle: usize, slot: u32, values: &[f64]) {
         let rows = self.roots.len();
@@ -224,6 +259,20 @@ impl LandmarkStore for TreeStore {
         for particle in 0..self.roots.len() {
             self.write_row(particle, slot, values);
         }
+    }
+
+    /// One leaf for all; particles of one tree have one tree afterwards too.
+    fn insert_shared(&mut self, slot: u32, row: &[f64]) {
+        self.remove(slot);
+        if row[0] == 0.0 {
+            return;
+        }
+        self.grow_for(slot);
+        let leaf = self.copy_leaf(NONE);
+        self.leaf_values[leaf as usize * self.columns..][..self.columns].copy_from_slice(row);
+        let height = self.height;
+        self.replant([height, height], |store, root| store.with_leaf(root, height, slot, leaf));
+        self.leaf.release(leaf);
     }
 
     fn remove(&mut self, slot: u32) {
@@ -314,6 +363,20 @@ mod tests {
         store.update(77, Some(&[false, true]), &mut |mut rows| rows.column(1)[1] = -6.0);
         assert_eq!(store.inner.live() - inner, 10, "a path of one's own is updated in place");
         assert_eq!(store.read(77).column(1), &[80.0, -6.0]);
+    }
+
+    #[test]
+    fn a_given_landmark_is_one_leaf_in_one_tree_until_a_map_changes_it() {
+        let mut store = TreeStore::new(50, 2);
+        (0..64).for_each(|slot| store.insert_shared(slot, &[1.0, f64::from(slot)]));
+        assert_eq!((store.inner.live(), store.leaf.live()), (63, 64), "one whole tree");
+        store
+            .update(9, Some(&std::array::from_fn::<bool, 50, _>(|i| i == 3)), &mut |mut rows| rows.column(1)[3] = -1.0);
+        assert_eq!((store.inner.live(), store.leaf.live()), (63 + 6, 64 + 1), "six inner nodes and a leaf of its own");
+        store.insert_shared(9, &[2.0, 7.0]);
+        assert_eq!(store.read(9).column(1), &[7.0; 50]);
+        (0..64).for_each(|slot| store.remove(slot));
+        assert_eq!(store.leaf.live(), 0);
     }
 
     #[test]
