@@ -1,8 +1,8 @@
 //! What a particle believes about the robot's pose, and how a sighting of a landmark refines that.
 
-use crate::density::{fit_with_tail, Fit, Tail};
+use crate::density::{Fit, Tail};
+use crate::gaussian::{fit_with_tail, innovation_covariance, Gaussian, Inverse};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
-use crate::landmark::{innovation_covariance, Gaussian};
 use crate::math;
 use crate::measurement::Placing;
 use crate::sighting::Measured;
@@ -99,10 +99,9 @@ impl Belief {
         let fitted = fit_with_tail(view.innovation, plain, view.tail);
         let more = view.noise.scaled(view.tail.noise_scale(fitted.mahalanobis_squared) - 1.0);
         let l = Symmetric2::new(plain.xx + more.xx, plain.xy + more.xy, plain.yy + more.yy);
-        let inverse = 1.0 / l.determinant();
+        let inverse = Inverse::of(l);
         let [c0, c1, c2] = cross;
-        let row = |[a, b]: [f64; 2]| [(a * l.yy - b * l.xy) * inverse, (b * l.xx - a * l.xy) * inverse];
-        let (k0, k1, k2) = (row(c0), row(c1), row(c2));
+        let (k0, k1, k2) = (inverse.times(c0), inverse.times(c1), inverse.times(c2));
         // K Lᵀ Kᵀ is K crossᵀ; the mean of both halves keeps it symmetric to the bit.
         let less = |a: [f64; 2], b: [f64; 2], ca: [f64; 2], cb: [f64; 2]| 0.5 * (dot2(a, cb) + dot2(b, ca));
         let [[xx, xy, xh], [_, yy, yh], [_, _, hh]] = self.covariance;

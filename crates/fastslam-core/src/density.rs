@@ -1,6 +1,5 @@
 //! Densities of innovations: how well a sighting fits, how noise falls off, and quantiles of χ².
 
-use crate::geometry::Symmetric2;
 use crate::math;
 use serde::{Deserialize, Serialize};
 
@@ -97,21 +96,6 @@ impl Tail {
     }
 }
 
-/// ln N(ν; 0, Q) (with the tail of the noise in place of the normal one) and νᵀQ⁻¹ν for a 2×2 Q.
-#[inline(always)]
-pub fn fit_with_tail(innovation: [f64; 2], q: Symmetric2, tail: Tail) -> Fit {
-    tail.log_likelihood(fit(innovation, q))
-}
-
-/// ln N(ν; 0, Q) and νᵀQ⁻¹ν for a 2×2 Q.
-#[inline(always)]
-pub fn fit(innovation: [f64; 2], q: Symmetric2) -> Fit {
-    let determinant = q.determinant();
-    let [a, b] = innovation;
-    let mahalanobis_squared = (q.yy * a * a - 2.0 * q.xy * a * b + q.xx * b * b) / determinant;
-    Fit { log_likelihood: -0.5 * (mahalanobis_squared + math::ln(determinant)) - LN_TAU, mahalanobis_squared }
-}
-
 /// ln Γ(x) for a positive x.
 ///
 /// **Source:** Stirling's series from 12 on, to 2e-13; below, Γ(x + 1) = x Γ(x).
@@ -129,6 +113,33 @@ fn ln_gamma(mut x: f64) -> f64 {
 /// What χ² with two degrees of freedom stays below with this probability: the square of a gate for a sighting.
 pub fn chi_squared_2(probability: f64) -> f64 {
     -2.0 * math::ln(1.0 - probability)
+}
+
+/// What χ² with 2 n degrees of freedom stays below with this probability.
+///
+/// P(d² > x) = e^(−x/2) Σ_{k<n} (x/2)^k / k!, inverted by bisection.
+pub fn chi_squared_of_pairs(n: usize, probability: f64) -> f64 {
+    if n == 0 || probability >= 1.0 {
+        return if n == 0 { 0.0 } else { f64::INFINITY };
+    }
+    let beyond = |half: f64| {
+        let (mut term, mut sum) = (1.0, 0.0);
+        for k in 0..n {
+            sum += term;
+            term *= half / (k + 1) as f64;
+        }
+        math::exp(-half) * sum
+    };
+    let (mut low, mut high) = (0.0, 700.0);
+    for _ in 0..80 {
+        let middle = 0.5 * (low + high);
+        if beyond(middle) > 1.0 - probability {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low + high
 }
 
 /// What χ² stays below, as a multiple of its degrees of freedom, for a standard normal number `z`.
@@ -152,15 +163,6 @@ mod tests {
                 assert!((fallen - log_ratio).abs() < 1e-12, "{tail:?}: {fallen} against {log_ratio}");
             }
         }
-    }
-
-    #[test]
-    fn the_likelihood_is_the_normal_density() {
-        // Q = diag(4, 9), ν = (2, 3): d² = 2, density exp(-1) / (2π · 6).
-        let fit = fit([2.0, 3.0], Symmetric2::new(4.0, 0.0, 9.0));
-        assert!((fit.mahalanobis_squared - 2.0).abs() < 1e-15);
-        let density = (-1.0_f64).exp() / (std::f64::consts::TAU * 6.0);
-        assert!((fit.log_likelihood - density.ln()).abs() < 1e-14);
     }
 
     #[test]
@@ -191,5 +193,11 @@ mod tests {
             assert!((got / expected - 1.0).abs() < 0.03, "{degrees}: {got} for {expected}");
         }
         assert_eq!(chi_squared_ratio(0.1, -3.0), 0.0);
+        // At 99 %.
+        for (pairs, expected) in [(1, 9.210), (2, 13.277), (5, 23.209), (15, 50.892)] {
+            let got = chi_squared_of_pairs(pairs, 0.99);
+            assert!((got - expected).abs() < 5e-4, "{pairs}: {got}");
+        }
+        assert_eq!((chi_squared_of_pairs(3, 1.0), chi_squared_of_pairs(0, 0.99)), (f64::INFINITY, 0.0));
     }
 }

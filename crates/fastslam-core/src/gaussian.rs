@@ -1,7 +1,95 @@
 //! Gaussians of landmarks: what maps ask of them, and the closed forms of the plane.
 
+use crate::density::{Fit, Tail, LN_TAU};
 use crate::geometry::Symmetric2;
 use crate::limits::LARGEST_STATE;
+use crate::math;
+
+/// νᵀ adj(S) ν: the squared Mahalanobis distance times the determinant.
+#[inline(always)]
+fn adjoint_form([a, b]: [f64; 2], s: Symmetric2) -> f64 {
+    s.yy * a * a - 2.0 * s.xy * a * b + s.xx * b * b
+}
+
+/// νᵀ S⁻¹ ν.
+#[inline(always)]
+pub fn mahalanobis_squared(innovation: [f64; 2], s: Symmetric2) -> f64 {
+    adjoint_form(innovation, s) / s.determinant()
+}
+
+/// ln N(ν; 0, Q) (with the tail of the noise in place of the normal one) and νᵀQ⁻¹ν for a 2×2 Q.
+#[inline(always)]
+pub fn fit_with_tail(innovation: [f64; 2], q: Symmetric2, tail: Tail) -> Fit {
+    tail.log_likelihood(fit(innovation, q))
+}
+
+/// ln N(ν; 0, Q) and νᵀQ⁻¹ν for a 2×2 Q.
+#[inline(always)]
+pub fn fit(innovation: [f64; 2], q: Symmetric2) -> Fit {
+    let determinant = q.determinant();
+    let mahalanobis_squared = adjoint_form(innovation, q) / determinant;
+    Fit { log_likelihood: -0.5 * (mahalanobis_squared + math::ln(determinant)) - LN_TAU, mahalanobis_squared }
+}
+
+/// G Σ Gᵀ + R.
+#[inline(always)]
+pub fn innovation_covariance(by_landmark: [[f64; 2]; 2], covariance: Symmetric2, noise: Symmetric2) -> Symmetric2 {
+    let q = covariance.transformed(by_landmark);
+    Symmetric2::new(q.xx + noise.xx, q.xy + noise.xy, q.yy + noise.yy)
+}
+
+/// Area of the ellipse within a squared Mahalanobis distance of a Gaussian whose covariance has this determinant.
+pub fn ellipse_area(gate: f64, determinant: f64) -> f64 {
+    std::f64::consts::PI * gate * determinant.max(0.0).sqrt()
+}
+
+/// J⁻¹ of a 2×2 matrix in row order.
+#[inline(always)]
+pub fn inverted([[a, b], [c, d]]: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+    let inverse = 1.0 / (a * d - b * c);
+    [[d * inverse, -b * inverse], [-c * inverse, a * inverse]]
+}
+
+/// S⁻¹ of a symmetric 2×2 matrix, divided once.
+#[derive(Clone, Copy, Debug)]
+pub struct Inverse {
+    of: Symmetric2,
+    /// 1 / |S|.
+    pub reciprocal: f64,
+}
+
+impl Inverse {
+    /// Not finite where S is singular.
+    #[inline(always)]
+    pub fn of(s: Symmetric2) -> Self {
+        Self { of: s, reciprocal: 1.0 / s.determinant() }
+    }
+
+    /// adj(S) = |S| S⁻¹.
+    #[inline(always)]
+    pub fn adjugate(&self) -> Symmetric2 {
+        Symmetric2::new(self.of.yy, -self.of.xy, self.of.xx)
+    }
+
+    /// S⁻¹.
+    #[inline(always)]
+    pub fn matrix(&self) -> Symmetric2 {
+        self.adjugate().scaled(self.reciprocal)
+    }
+
+    /// S⁻¹ v.
+    #[inline(always)]
+    pub fn times(&self, [a, b]: [f64; 2]) -> [f64; 2] {
+        let Symmetric2 { xx, xy, yy } = self.of;
+        [(a * yy - b * xy) * self.reciprocal, (b * xx - a * xy) * self.reciprocal]
+    }
+
+    /// νᵀ S⁻¹ ν.
+    #[inline(always)]
+    pub fn form(&self, innovation: [f64; 2]) -> f64 {
+        adjoint_form(innovation, self.of) * self.reciprocal
+    }
+}
 
 /// What maps ask of the Gaussian of a landmark of `D` coordinates.
 ///
@@ -89,8 +177,7 @@ impl GaussianOf<2> for Gaussian {
     fn distance_squared(&self, other: &Self, more: f64) -> f64 {
         let (p, q) = (&self.covariance, &other.covariance);
         let s = Symmetric2::new(p.xx + q.xx + more, p.xy + q.xy, p.yy + q.yy + more);
-        let [x, y] = difference(self.mean, other.mean);
-        (s.yy * x * x - 2.0 * s.xy * x * y + s.xx * y * y) / s.determinant()
+        mahalanobis_squared(difference(self.mean, other.mean), s)
     }
 
     fn product(&self, other: &Self) -> Self {
@@ -109,6 +196,30 @@ impl GaussianOf<2> for Gaussian {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_likelihood_is_the_normal_density() {
+        // Q = diag(4, 9), ν = (2, 3): d² = 2, density exp(-1) / (2π · 6).
+        let fit = fit([2.0, 3.0], Symmetric2::new(4.0, 0.0, 9.0));
+        assert!((fit.mahalanobis_squared - 2.0).abs() < 1e-15);
+        let density = (-1.0_f64).exp() / (std::f64::consts::TAU * 6.0);
+        assert!((fit.log_likelihood - density.ln()).abs() < 1e-14);
+    }
+
+    #[test]
+    fn the_inverse_solves_and_is_that_of_the_general_form() {
+        let s = Symmetric2::new(4.0, 1.0, 2.0);
+        let inverse = Inverse::of(s);
+        let [x, y] = inverse.times([3.0, -1.0]);
+        assert!((s.xx * x + s.xy * y - 3.0).abs() < 1e-15 && (s.xy * x + s.yy * y + 1.0).abs() < 1e-15);
+        let [[xx, xy], [_, yy]] = inverted([[4.0, 1.0], [1.0, 2.0]]);
+        assert_eq!(inverse.matrix(), Symmetric2::new(xx, xy, yy));
+        let distance = 3.0 * x - y;
+        assert!((inverse.form([3.0, -1.0]) - distance).abs() < 1e-14);
+        assert!((mahalanobis_squared([3.0, -1.0], s) - distance).abs() < 1e-14);
+        // A circle of radius 2 holds the distances up to 4 of the unit Gaussian.
+        assert!((ellipse_area(4.0, 1.0) - 4.0 * std::f64::consts::PI).abs() < 1e-14 && ellipse_area(4.0, -1e-9) == 0.0);
+    }
 
     #[test]
     fn the_product_weighs_by_precision() {

@@ -75,7 +75,8 @@ impl GivenLandmark {
         }
         let Symmetric2 { xx, xy, yy } = self.place.covariance;
         let within = [xx, xy, yy].iter().all(|v| v.abs() <= FARTHEST_M * FARTHEST_M);
-        let known = self.role == Role::Fixed && xx >= 0.0 && yy >= 0.0 && xx * yy - xy * xy >= 0.0;
+        let definite = xx >= 0.0 && yy >= 0.0 && self.place.covariance.determinant() >= 0.0;
+        let known = self.role == Role::Fixed && definite;
         if !within || !(known || self.place.is_usable()) {
             let what = if self.role == Role::Fixed { "a covariance" } else { "a positive definite covariance" };
             return Err(Error::parameter("covariance", format!("{xx}, {xy}, {yy}"), what));

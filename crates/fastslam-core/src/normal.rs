@@ -53,6 +53,12 @@ pub fn scaled<const A: usize, const B: usize>(a: &Matrix<A, B>, factor: f64) -> 
     a.map(|row| row.map(|v| v * factor))
 }
 
+/// A covariance with these variances along a direction (sine, cosine) and across it.
+pub fn turned([along, across]: [f64; 2], (s, c): (f64, f64)) -> Matrix<2, 2> {
+    let xy = s * c * (along - across);
+    [[c * c * along + s * s * across, xy], [xy, s * s * along + c * c * across]]
+}
+
 #[inline(always)]
 fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     (0..N).map(|i| a[i] * b[i]).sum()
@@ -248,7 +254,7 @@ impl Gaussian {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::density::fit_with_tail;
+    use crate::gaussian::fit_with_tail;
 
     const S: Matrix<3, 3> = [[4.0, 1.0, 0.5], [1.0, 3.0, -0.2], [0.5, -0.2, 2.0]];
 

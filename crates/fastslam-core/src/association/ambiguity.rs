@@ -6,6 +6,7 @@
 //! region over which particles disagree, no particle decides: the sighting founds a landmark, and whether that is an
 //! old one is left to the joint evidence of whole groups when paths are drawn anew.
 
+use crate::gaussian::ellipse_area;
 use crate::landmark::column;
 use crate::math;
 use crate::store::Rows;
@@ -15,7 +16,7 @@ pub const GATE: f64 = 9.21;
 
 /// Area of the ellipse that holds 99 % of a Gaussian whose covariance has this determinant (m⁴), square metres.
 pub fn area_m2(determinant: f64) -> f64 {
-    std::f64::consts::PI * GATE * determinant.max(0.0).sqrt()
+    ellipse_area(GATE, determinant)
 }
 
 /// Area of the ellipse that holds 99 % of the places of a landmark in the robot frames of the particles that hold it,

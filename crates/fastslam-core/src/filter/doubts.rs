@@ -15,7 +15,8 @@ use super::settings::Algorithm;
 use super::setup::Setup;
 use super::state::{Drawing, Maps, Rejuvenation, State};
 use crate::association::{area_m2, disagreement_m2, CandidateTable, ScanSighting, GATE};
-use crate::geometry::Pose;
+use crate::gaussian::mahalanobis_squared;
+use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::Planar;
 use crate::measurement::Placing;
 
@@ -161,10 +162,8 @@ impl<'a, M: Placing> Knowledge<'a, M> {
                 return false;
             }
             let (c, _) = need.relation(older, place);
-            let [x, y] = [place[0] - at[0], place[1] - at[1]];
-            let (xx, yy) = (c.xx + tolerance, c.yy + tolerance);
-            let distance = (yy * x * x - 2.0 * c.xy * x * y + xx * y * y) / (xx * yy - c.xy * c.xy);
-            distance <= GATE
+            let spread = Symmetric2::new(c.xx + tolerance, c.xy, c.yy + tolerance);
+            mahalanobis_squared([place[0] - at[0], place[1] - at[1]], spread) <= GATE
         })
     }
 }

@@ -9,8 +9,9 @@ use crate::association::{by_robot_pose, Box2, Decision, Identities, ScanSighting
 use crate::diagnosis::innovations::{PredictedScan, JOINT_MAX};
 use crate::diagnosis::looks::{InView, MapInView};
 use crate::diagnosis::Returns;
+use crate::gaussian::innovation_covariance;
 use crate::geometry::Symmetric2;
-use crate::landmark::{column, innovation_covariance, Gaussian, Planar};
+use crate::landmark::{column, Gaussian, Planar};
 use crate::measurement::Placing;
 
 /// A landmark seen less often than this may be clutter, of which nobody expects to see it again.

@@ -7,11 +7,11 @@ use super::setup::Setup;
 use super::state::State;
 use super::work::{Claims, Judging};
 use crate::association::{Box2, Decision};
+use crate::gaussian::{ellipse_area, innovation_covariance};
 use crate::geometry::Pose;
-use crate::landmark::{column, innovation_covariance, Gaussian, Planar};
+use crate::landmark::{column, Gaussian, Planar};
 use crate::math;
 use crate::measurement::Placing;
-use std::f64::consts::PI;
 
 /// What is sighted hides what is farther away and so near to its direction, beside the bearing's own error.
 const HIDES_RAD: f64 = 0.02;
@@ -96,7 +96,7 @@ fn look_for<M: Placing>(
     let model = &setup.models.measurement;
     let by_landmark = model.linearize(sensor, mean).by_landmark;
     let innovation = innovation_covariance(by_landmark, covariance, model.noise_covariance());
-    let gate_area = PI * setup.settings.rules.gate * innovation.determinant().max(0.0).sqrt();
+    let gate_area = ellipse_area(setup.settings.rules.gate, innovation.determinant());
     let enough = f64::from(setup.settings.config.association.existence.confirmed_sightings);
     Some(Look { slot, place, sighted, gate_area, is_often_sighted: row[column::SIGHTINGS] >= enough })
 }

@@ -11,8 +11,9 @@ mod seen;
 pub use columns::Columns;
 pub use seen::Seen;
 
-pub use crate::density::{fit, fit_with_tail, Fit, Tail};
-pub use crate::gaussian::Gaussian;
+pub use crate::density::{Fit, Tail};
+pub use crate::gaussian::{fit, fit_with_tail, Gaussian};
+use crate::gaussian::{innovation_covariance, inverted, Inverse};
 use crate::geometry::{Pose, Symmetric2};
 use crate::measurement::Placing;
 pub use crate::sighting::Measured;
@@ -83,13 +84,6 @@ impl SensorPoses {
     }
 }
 
-/// G Σ Gᵀ + R.
-#[inline(always)]
-pub fn innovation_covariance(by_landmark: [[f64; 2]; 2], covariance: Symmetric2, noise: Symmetric2) -> Symmetric2 {
-    let q = covariance.transformed(by_landmark);
-    Symmetric2::new(q.xx + noise.xx, q.xy + noise.xy, q.yy + noise.yy)
-}
-
 /// The landmark after a sighting from a known pose, and how well the sighting fitted before it.
 ///
 /// **Source:** `montemerlo2002fastslam`, section 3.2: ν = z − g(μ, s), Q = GΣGᵀ + R, K = ΣGᵀQ⁻¹; the covariance in
@@ -103,12 +97,11 @@ pub fn correct<M: Placing>(model: &M, T_world_sensor: Pose, measured: Measured, 
     let plain = fit(innovation, innovation_covariance(linear.by_landmark, s, measured.noise));
     let noise = measured.noise.scaled(measured.tail.noise_scale(plain.mahalanobis_squared));
     let q = innovation_covariance(linear.by_landmark, s, noise);
-    let inverse = 1.0 / q.determinant();
+    let inverse = Inverse::of(q);
     // Σ Gᵀ, then times Q⁻¹.
     let (p00, p01) = (s.xx * g00 + s.xy * g01, s.xx * g10 + s.xy * g11);
     let (p10, p11) = (s.xy * g00 + s.yy * g01, s.xy * g10 + s.yy * g11);
-    let (k00, k01) = ((p00 * q.yy - p01 * q.xy) * inverse, (p01 * q.xx - p00 * q.xy) * inverse);
-    let (k10, k11) = ((p10 * q.yy - p11 * q.xy) * inverse, (p11 * q.xx - p10 * q.xy) * inverse);
+    let ([k00, k01], [k10, k11]) = (inverse.times([p00, p01]), inverse.times([p10, p11]));
     let rest = [
         [1.0 - (k00 * g00 + k01 * g10), -(k00 * g01 + k01 * g11)],
         [-(k10 * g00 + k11 * g10), 1.0 - (k10 * g01 + k11 * g11)],
@@ -131,9 +124,7 @@ pub fn correct<M: Placing>(model: &M, T_world_sensor: Pose, measured: Measured, 
 #[inline(always)]
 pub fn first_sighting<M: Placing>(model: &M, T_world_sensor: Pose, measured: [f64; 2], noise: Symmetric2) -> Gaussian {
     let mean = model.inverse(T_world_sensor, measured);
-    let [[a, b], [c, d]] = model.linearize(T_world_sensor, mean).by_landmark;
-    let inverse = 1.0 / (a * d - b * c);
-    let covariance = noise.transformed([[d * inverse, -b * inverse], [-c * inverse, a * inverse]]);
+    let covariance = noise.transformed(inverted(model.linearize(T_world_sensor, mean).by_landmark));
     Gaussian { mean, covariance }
 }
 

@@ -3,7 +3,7 @@
 use super::{Births, Component, Linearization, MeasurementModel};
 use crate::geometry::Pose;
 use crate::math;
-use crate::normal::{Matrix, Normal};
+use crate::normal::{turned, Matrix, Normal};
 use crate::real::Real;
 
 /// Distance of each Gaussian of a ray from the sensor, in that of the one before.
@@ -69,8 +69,7 @@ impl Births<1, 2> for BearingOnly {
             .map(|_| {
                 let mean = [T_world_sensor.x + distance_m * c, T_world_sensor.y + distance_m * s];
                 let (along, across) = ((RELATIVE_STD * distance_m).powi(2), distance_m * distance_m * noise[0][0]);
-                let xy = s * c * (along - across);
-                let covariance = [[c * c * along + s * s * across, xy], [xy, s * s * along + c * c * across]];
+                let covariance = turned([along, across], (s, c));
                 distance_m *= ratio;
                 (1.0 / (count + 1.0), Normal { mean, covariance })
             })

@@ -3,7 +3,7 @@
 use super::{Births, Component, Linearization, MeasurementModel};
 use crate::geometry::Pose;
 use crate::math;
-use crate::normal::{Matrix, Normal};
+use crate::normal::{turned, Matrix, Normal};
 use crate::real::Real;
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -65,9 +65,7 @@ impl Births<1, 2> for RangeOnly {
             .map(|i| {
                 let (s, c) = math::sin_cos(math::wrap_angle(T_world_sensor.heading + TAU * f64::from(i) / count));
                 let mean = [T_world_sensor.x + range_m * c, T_world_sensor.y + range_m * s];
-                let xy = s * c * (radial - tangential);
-                let covariance = [[c * c * radial + s * s * tangential, xy], [xy, s * s * radial + c * c * tangential]];
-                (1.0 / count, Normal { mean, covariance })
+                (1.0 / count, Normal { mean, covariance: turned([radial, tangential], (s, c)) })
             })
             .collect()
     }

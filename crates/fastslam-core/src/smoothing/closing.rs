@@ -11,6 +11,9 @@
 use super::differences::{Candidate, Differences, Pair, Set};
 use super::factor::{Lanes, LANES};
 use super::graph::{Graph, Mode, Sights};
+use crate::density::chi_squared_ratio;
+use crate::gaussian::mahalanobis_squared;
+use crate::geometry::Symmetric2;
 use crate::math;
 use crate::measurement::Placing;
 
@@ -245,8 +248,8 @@ impl Deviations {
         let moment = |r: usize, c: usize| {
             (0..LANES).map(|i| (a[r][i] - b[r][i]) * (a[c][i] - b[c][i])).sum::<f64>() / LANES as f64
         };
-        let (xx, xy, yy) = (moment(0, 0) + tolerance_m2, moment(0, 1), moment(1, 1) + tolerance_m2);
-        let distance = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / (xx * yy - xy * xy);
+        let spread = Symmetric2::new(moment(0, 0) + tolerance_m2, moment(0, 1), moment(1, 1) + tolerance_m2);
+        let distance = mahalanobis_squared(apart, spread);
         (distance <= LOOSE_GATE).then_some(distance)
     }
 }
@@ -271,12 +274,9 @@ pub(super) fn seen_together(a: &Sights, b: &Sights) -> usize {
 }
 
 /// What a sum of squares of so many independent normal numbers stays below with 99.9 %.
-///
-/// **Source:** the approximation of Wilson and Hilferty, good to 3 % from two numbers on.
 fn chi_squared_limit(degrees_of_freedom: usize) -> f64 {
     let k = degrees_of_freedom as f64;
-    let spread = 2.0 / (9.0 * k);
-    k * (1.0 - spread + 3.09 * spread.sqrt()).powi(3)
+    k * chi_squared_ratio(k, 3.09)
 }
 
 #[cfg(test)]
@@ -285,7 +285,7 @@ mod tests {
     use super::super::graph::{by_landmark, Known, Solution};
     use super::super::history::{History, Trajectory, NO_LANDMARK};
     use super::*;
-    use crate::geometry::{Pose, Symmetric2};
+    use crate::geometry::Pose;
     use crate::landmark::{Measured, Tail};
     use crate::measurement::{MeasurementModel, RangeBearing};
     use crate::motion::MotionGaussian;

@@ -3,6 +3,7 @@
 use super::factor::{Lanes, LANES};
 use super::graph::Sights;
 use super::history::History;
+use crate::gaussian::Inverse;
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{Gaussian, Measured};
 use crate::measurement::Placing;
@@ -74,8 +75,7 @@ impl Draws {
         );
         std::array::from_fn(|i| {
             let [xx, xy, yy, pull_x, pull_y] = sums.each_ref().map(|sum| sum[i]);
-            let inverse = 1.0 / (xx * yy - xy * xy);
-            let covariance = Symmetric2::new(yy * inverse, -xy * inverse, xx * inverse);
+            let covariance = Inverse::of(Symmetric2::new(xx, xy, yy)).matrix();
             let mean = [
                 x[i] + covariance.xx * pull_x + covariance.xy * pull_y,
                 y[i] + covariance.xy * pull_x + covariance.yy * pull_y,
@@ -94,14 +94,12 @@ fn add_sighting<M: Placing>(
     [x, y]: [&Lanes; 2],
     [xx, xy, yy, pull_x, pull_y]: &mut [Lanes; 5],
 ) {
-    let r = measured.noise;
-    let inverse = 1.0 / r.determinant();
+    let inverse = Inverse::of(measured.noise);
     for i in 0..LANES {
         let linear = model.linearize(Pose::new(sensor_x[i], sensor_y[i], heading[i]), [x[i], y[i]]);
         let [a, b] = model.innovation(measured.value, linear.expected);
-        let distance = (r.yy * a * a - 2.0 * r.xy * a * b + r.xx * b * b) * inverse;
-        let scale = inverse / measured.tail.noise_scale(distance);
-        let (w00, w01, w11) = (r.yy * scale, -r.xy * scale, r.xx * scale);
+        let scale = inverse.reciprocal / measured.tail.noise_scale(inverse.form([a, b]));
+        let Symmetric2 { xx: w00, xy: w01, yy: w11 } = inverse.adjugate().scaled(scale);
         let [[g00, g01], [g10, g11]] = linear.by_landmark;
         let (p00, p01) = (w00 * g00 + w01 * g10, w01 * g00 + w11 * g10);
         let (p10, p11) = (w00 * g01 + w01 * g11, w01 * g01 + w11 * g11);

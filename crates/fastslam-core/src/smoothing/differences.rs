@@ -1,6 +1,8 @@
 //! The joint Gaussian over how far the landmarks of each pair are apart, and what it says of sets of pairs.
 
 use crate::density::LN_TAU;
+use crate::gaussian::{mahalanobis_squared, Inverse};
+use crate::geometry::Symmetric2;
 use crate::math;
 
 /// Largest squared Mahalanobis distance of two landmarks that may be one: 99.9 % of χ² with two degrees of freedom.
@@ -97,9 +99,8 @@ impl Differences {
 
     /// ln of the odds of a pair, given those before; `None` when it is out of the gate.
     fn gain(&self, candidates: &[Candidate], i: usize) -> Option<f64> {
-        let ([xx, xy, yy], [x, y]) = (self.block(i), self.mean[i]);
-        let determinant = xx * yy - xy * xy;
-        let distance = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant;
+        let block = self.block(i);
+        let (determinant, distance) = (block.determinant(), mahalanobis_squared(self.mean[i], block));
         let inside = determinant > 0.0 && distance <= GATE;
         inside.then(|| candidates[i].log_odds - LN_TAU - 0.5 * (math::ln(determinant) + distance))
     }
@@ -107,11 +108,10 @@ impl Differences {
     /// Makes the landmarks of a pair one.
     fn condition(&mut self, i: usize) {
         let size = 2 * self.mean.len();
-        let ([xx, xy, yy], [x, y]) = (self.block(i), self.mean[i]);
-        let inverse = 1.0 / (xx * yy - xy * xy);
+        let (inverse, [x, y]) = (Inverse::of(self.block(i)), self.mean[i]);
         let columns: Vec<[f64; 2]> = (0..size).map(|r| [0, 1].map(|c| self.covariance[r * size + 2 * i + c])).collect();
-        for (row, [a, b]) in columns.iter().enumerate() {
-            let gain = [(a * yy - b * xy) * inverse, (b * xx - a * xy) * inverse];
+        for (row, own) in columns.iter().enumerate() {
+            let gain = inverse.times(*own);
             self.mean[row / 2][row % 2] -= gain[0] * x + gain[1] * y;
             for (value, [c, d]) in self.covariance[row * size..][..size].iter_mut().zip(&columns) {
                 *value -= gain[0] * c + gain[1] * d;
@@ -119,11 +119,11 @@ impl Differences {
         }
     }
 
-    /// The covariance of one pair: xx, xy, yy.
-    fn block(&self, i: usize) -> [f64; 3] {
+    /// The covariance of one pair.
+    fn block(&self, i: usize) -> Symmetric2 {
         let size = 2 * self.mean.len();
         let at = |r: usize, c: usize| self.covariance[(2 * i + r) * size + 2 * i + c];
-        [at(0, 0), at(0, 1), at(1, 1)]
+        Symmetric2::new(at(0, 0), at(0, 1), at(1, 1))
     }
 }
 

@@ -6,9 +6,9 @@ use super::effort::Effort;
 use super::equations::{motion_cost, Block, Equations};
 use super::factor::Factor;
 use super::history::{History, Seen, Trajectory};
-use crate::gaussian::Gaussian;
+use crate::gaussian::{innovation_covariance, Gaussian, Inverse};
 use crate::geometry::{Pose, Symmetric2};
-use crate::landmark::{innovation_covariance, Measured};
+use crate::landmark::Measured;
 use crate::math;
 use crate::measurement::Placing;
 use rustc_hash::FxHashMap;
@@ -253,20 +253,14 @@ impl<M: Placing> Graph<'_, M> {
         let linear = self.model.linearize(sensor, landmark);
         let innovation = self.model.innovation(measured.value, linear.expected);
         let r = known.widened(measured.noise, linear.by_landmark);
-        let inverse = 1.0 / r.determinant();
-        let [a, b] = innovation;
-        let distance = (r.yy * a * a - 2.0 * r.xy * a * b + r.xx * b * b) * inverse;
-        let scale = inverse * self.likelihood_exponent / measured.tail.noise_scale(distance);
+        let inverse = Inverse::of(r);
+        let distance = inverse.form(innovation);
+        let scale = inverse.reciprocal * self.likelihood_exponent / measured.tail.noise_scale(distance);
+        let Symmetric2 { xx, xy, yy } = inverse.adjugate().scaled(scale);
         // The sensor moves with the robot's heading: d(sensor)/d(heading) is the lever arm turned by a right angle.
         let lever = [sensor.x - T_world_robot.x, sensor.y - T_world_robot.y];
         let by_pose = linear.by_pose.map(|[x, y, h]| [x, y, h - x * lever[1] + y * lever[0]]);
-        View {
-            innovation,
-            by_landmark: linear.by_landmark,
-            by_pose,
-            weight: [[r.yy * scale, -r.xy * scale], [-r.xy * scale, r.xx * scale]],
-            distance,
-        }
+        View { innovation, by_landmark: linear.by_landmark, by_pose, weight: [[xx, xy], [xy, yy]], distance }
     }
 
     /// Minus the logarithm of the posterior, up to a constant; infinite where it is not finite.
@@ -310,8 +304,7 @@ impl Known {
     /// Precision (xx, xy, yy) and pull (x, y) on a landmark that is thought to be here.
     pub(super) fn information(&self, at: [f64; 2]) -> [f64; 5] {
         let Self::Prior(Gaussian { mean, covariance }) = self else { return [0.0; 5] };
-        let inverse = 1.0 / covariance.determinant();
-        let (xx, xy, yy) = (covariance.yy * inverse, -covariance.xy * inverse, covariance.xx * inverse);
+        let Symmetric2 { xx, xy, yy } = Inverse::of(*covariance).matrix();
         let [x, y] = [mean[0] - at[0], mean[1] - at[1]];
         [xx, xy, yy, xx * x + xy * y, xy * x + yy * y]
     }

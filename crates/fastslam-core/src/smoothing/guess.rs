@@ -2,7 +2,8 @@
 
 use super::graph::{Graph, Known, Sights, Solution};
 use super::history::{History, Trajectory};
-use crate::geometry::Pose;
+use crate::gaussian::Inverse;
+use crate::geometry::{Pose, Symmetric2};
 use crate::measurement::Placing;
 
 /// Gauss–Newton steps for a landmark given the path.
@@ -51,8 +52,8 @@ impl<M: Placing> Graph<'_, M> {
                 x += p00 * view.innovation[0] + p01 * view.innovation[1];
                 y += p10 * view.innovation[0] + p11 * view.innovation[1];
             }
-            let inverse = 1.0 / (xx * yy - xy * xy);
-            at = [at[0] + inverse * (yy * x - xy * y), at[1] + inverse * (xx * y - xy * x)];
+            let step = Inverse::of(Symmetric2::new(xx, xy, yy)).times([x, y]);
+            at = [at[0] + step[0], at[1] + step[1]];
         }
         at.iter().all(|v| v.is_finite()).then_some(at)
     }
