@@ -5,6 +5,7 @@ use crate::gaussian::{fit_with_tail, innovation_covariance, Gaussian, Inverse};
 use crate::geometry::{Matrix3, Pose, Symmetric2};
 use crate::math;
 use crate::measurement::Placing;
+use crate::normal::Matrix;
 use crate::sighting::Measured;
 
 /// What a particle believes about the robot's pose while it looks at a scan.
@@ -38,10 +39,16 @@ impl View {
 
 /// G_s for the robot's pose: the sensor turns about the robot, so its lever arm enters.
 #[inline(always)]
-pub(crate) fn by_robot_pose(by_sensor: [[f64; 3]; 2], T_world_robot: Pose, T_world_sensor: Pose) -> [[f64; 3]; 2] {
+pub(crate) fn by_robot_pose<const Z: usize>(
+    by_sensor: Matrix<Z, 3>,
+    T_world_robot: Pose,
+    T_world_sensor: Pose,
+) -> Matrix<Z, 3> {
     let (ax, ay) = (T_world_sensor.x - T_world_robot.x, T_world_sensor.y - T_world_robot.y);
-    let [[x0, y0, h0], [x1, y1, h1]] = by_sensor;
-    [[x0, y0, h0 - ay * x0 + ax * y0], [x1, y1, h1 - ay * x1 + ax * y1]]
+    by_sensor.map(
+        #[inline(always)]
+        |[x, y, h]| [x, y, h - ay * x + ax * y],
+    )
 }
 
 impl Belief {

@@ -29,6 +29,33 @@ impl Sighting {
     }
 }
 
+/// Deals sightings out into rounds that see each name once at most; returns how many there are, one at least. `rounds` keeps
+/// its memory.
+///
+/// **Why:** two sightings with one identity are not independent given the pose's prior: the second waits for the first.
+pub(crate) fn deal<T>(
+    rounds: &mut Vec<Vec<T>>,
+    sightings: impl Iterator<Item = T>,
+    name: impl Fn(&T) -> Option<u32>,
+) -> usize {
+    rounds.iter_mut().for_each(Vec::clear);
+    if rounds.is_empty() {
+        rounds.push(Vec::new());
+    }
+    let mut used = 1;
+    for sighting in sightings {
+        let own = name(&sighting);
+        let free = |round: &Vec<T>| own.is_none() || round.iter().all(|other| name(other) != own);
+        let round = rounds[..used].iter().position(free).unwrap_or(used);
+        if round == rounds.len() {
+            rounds.push(Vec::new());
+        }
+        rounds[round].push(sighting);
+        used = used.max(round + 1);
+    }
+    used
+}
+
 /// What a detector reports of a landmark beside its place.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Appearance {

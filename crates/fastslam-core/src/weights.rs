@@ -48,6 +48,18 @@ impl Weights {
         Ok(())
     }
 
+    /// [`Self::normalize`]; what the sum of the weights has gained is evidence for the configuration.
+    pub fn renormalize(&mut self, log_weight: &[f64], step: u64) -> Result<f64> {
+        let before = self.log_mean;
+        self.normalize(log_weight, step)?;
+        Ok(self.log_mean - before)
+    }
+
+    /// Whether the effective sample size is below this share of the particles; of 1 it always is, but for rounding.
+    pub fn are_uneven(&self, threshold: f64) -> bool {
+        threshold >= 1.0 || self.effective_sample_size < threshold * self.values.len() as f64
+    }
+
     /// Equal weights of so many particles, as after resampling.
     pub fn restart(&mut self, count: usize) {
         self.values.clear();
@@ -80,6 +92,16 @@ mod tests {
         let weights = normalized(&[f64::NEG_INFINITY, 5.0, f64::NAN]).unwrap();
         assert_eq!(weights.values, vec![0.0, 1.0, 0.0]);
         assert_eq!(weights.effective_sample_size, 1.0);
+        assert!(weights.are_uneven(0.34) && !weights.are_uneven(0.33) && weights.are_uneven(1.0));
+    }
+
+    #[test]
+    fn the_evidence_is_what_the_mean_weight_has_gained() {
+        let mut weights = Weights::default();
+        weights.restart(2);
+        let gained = weights.renormalize(&[0.0, 2.0_f64.ln()], 0).unwrap();
+        assert!((gained - 1.5_f64.ln()).abs() < 1e-15);
+        assert!((weights.renormalize(&[1.0, 1.0 + 2.0_f64.ln()], 1).unwrap() - 1.0).abs() < 1e-15);
     }
 
     #[test]

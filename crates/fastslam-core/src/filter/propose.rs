@@ -11,9 +11,6 @@ use crate::motion::{PoseColumns, RowPart};
 use crate::random::Purpose;
 use crate::workers::PART;
 
-/// Above this spread of the heading the motion since the last sighting is sampled rather than linearised on.
-const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;
-
 /// Moves the robot by a row of odometry, or a part of it: FastSLAM 1.0 samples every particle's pose, 2.0 keeps the
 /// motion as a Gaussian.
 ///
@@ -53,5 +50,5 @@ pub(super) fn propose<M>(setup: &Setup<M>, state: &State, beliefs: &mut Beliefs)
 pub(super) fn keeps_motion_pending<M>(setup: &Setup<M>, state: &State, scan: &[ScanSighting]) -> bool {
     setup.settings.config.algorithm == Algorithm::Fastslam2
         && scan.is_empty()
-        && state.motions.pending.covariance[2][2].sqrt() < LARGEST_LINEARISED_HEADING_STD_RAD
+        && state.motions.pending.can_be_linearised_on()
 }

@@ -65,8 +65,7 @@ pub(super) fn rejuvenation_is_due<M>(setup: &Setup<M>, state: &State) -> bool {
         if let Some(need) = &r.need {
             return need.asks() || r.returns.ask(need);
         }
-        let least = f64::from(settings.every_steps.unwrap_or(0)).max(settings.growth * r.last as f64);
-        (r.history.steps() - r.last) as f64 >= least
+        settings.is_due(settings.every_steps.unwrap_or(0), r.history.steps() as f64, r.last as f64)
     })
 }
 

@@ -14,9 +14,7 @@ pub(super) fn resample<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
     let count = state.particles.len();
     let settings = &setup.settings.config.filter;
     // Without sightings the weights are what they were, but for rounding.
-    let threshold = settings.resampling.threshold;
-    let low = threshold >= 1.0 || state.weights.effective_sample_size < threshold * count as f64;
-    if info.sightings == 0 || !low {
+    if info.sightings == 0 || !state.weights.are_uneven(settings.resampling.threshold) {
         return false;
     }
     let stream = setup.settings.random.stream(Purpose::Resampling, state.counters.samplings);

@@ -20,7 +20,7 @@ use crate::error::Result;
 use crate::limits::LARGEST_STATE;
 use crate::measurement::Placing;
 use crate::motion::MotionByNoise;
-use crate::sighting::{Sighting, Skipped};
+use crate::sighting::{deal, Sighting, Skipped};
 use crate::step_info::NoiseInWindow;
 
 /// The usable sightings of one stamp, each identity once at most in each round.
@@ -41,32 +41,15 @@ pub(super) enum Progress {
 }
 
 /// Parts the usable sightings into scans that see each identity once at most; returns how many there are, one at least.
-///
-/// **Why:** two sightings with one identity are not independent given the pose's prior: the second waits for the first.
 pub(super) fn fill_rounds<M: Placing>(
     setup: &Setup<M>,
     rounds: &mut Vec<Vec<ScanSighting>>,
     sightings: &[Sighting],
     skipped: &mut Skipped,
 ) -> usize {
-    rounds.iter_mut().for_each(Vec::clear);
-    if rounds.is_empty() {
-        rounds.push(Vec::new());
-    }
-    let mut used = 1;
     let (sensor, identities) = (&setup.settings.config.sensor, setup.settings.identities);
-    for sighting in usable(sensor, identities, &setup.models.measurement, sightings, skipped) {
-        let free = |round: &Vec<ScanSighting>| {
-            sighting.identity.is_none() || round.iter().all(|s| s.identity != sighting.identity)
-        };
-        let round = rounds[..used].iter().position(free).unwrap_or(used);
-        if round == rounds.len() {
-            rounds.push(Vec::new());
-        }
-        rounds[round].push(sighting);
-        used = used.max(round + 1);
-    }
-    used
+    let usable = usable(sensor, identities, &setup.models.measurement, sightings, skipped);
+    deal(rounds, usable, |sighting| sighting.identity)
 }
 
 /// Processes the rounds of a scan.

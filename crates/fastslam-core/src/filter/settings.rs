@@ -124,6 +124,13 @@ pub struct RejuvenationConfig {
     pub delay_scans: u32,
 }
 
+impl RejuvenationConfig {
+    /// Whether a draw by schedule is due after so many steps, the last one having been after so many.
+    pub(crate) fn is_due(&self, every: u32, steps: f64, last: f64) -> bool {
+        steps - last >= f64::from(every).max(self.growth * last)
+    }
+}
+
 impl Default for RejuvenationConfig {
     fn default() -> Self {
         Self { every_steps: None, growth: 0.05, spread: 1.0, closing_odds: 1000.0, window_steps: None, delay_scans: 0 }

@@ -32,9 +32,7 @@ pub(super) fn weigh<M>(setup: &Setup<M>, state: &mut State, log_likelihood: &[f6
 
 /// Normalises the weights; what their sum has gained is evidence for the configuration.
 pub(super) fn normalize(state: &mut State, info: &mut StepInfo) -> Result<()> {
-    let before = state.weights.log_mean;
-    state.weights.normalize(&state.particles.log_weight, state.counters.steps)?;
+    info.weighing.log_likelihood += state.weights.renormalize(&state.particles.log_weight, state.counters.steps)?;
     info.weighing.effective_sample_size = state.weights.effective_sample_size;
-    info.weighing.log_likelihood += state.weights.log_mean - before;
     Ok(())
 }

@@ -10,6 +10,9 @@ use crate::random::Stream;
 use crate::vector::vectorized;
 use serde::{Deserialize, Serialize};
 
+/// Above this spread of the heading the motion since the last sighting is sampled rather than linearised on.
+const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;
+
 /// A motion of the robot as a Gaussian in the frame of its start.
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct MotionGaussian {
@@ -59,6 +62,11 @@ impl MotionGaussian {
         }
         let RowPart { control, row_s, .. } = part;
         Err(Error::Input(format!("control {control:?} for {row_s} s: no robot moves that far, or as uncertainly")))
+    }
+
+    /// Whether it may stay pending: its heading is certain enough for what later sightings say of it to be linear.
+    pub(crate) fn can_be_linearised_on(&self) -> bool {
+        self.covariance[2][2].sqrt() < LARGEST_LINEARISED_HEADING_STD_RAD
     }
 
     /// Moves every particle by a sample of the motion (the proposal of FastSLAM 1.0).

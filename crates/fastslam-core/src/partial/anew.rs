@@ -23,8 +23,8 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     pub(super) fn draw_is_due_after(&self, steps: usize) -> bool {
         let settings = &self.config.filter.rejuvenation;
         let every = settings.every_steps.unwrap_or(EVERY_STEPS);
-        let (steps, last) = (self.state.past.steps() + steps, self.state.counters.drawn_at as f64);
-        every > 0 && steps as f64 - last >= f64::from(every).max(settings.growth * last)
+        let steps = self.state.past.steps() + steps;
+        every > 0 && settings.is_due(every, steps as f64, self.state.counters.drawn_at as f64)
     }
 
     /// Ends a log: the last draw, with the likeliest path. Tells whether anything changed.

@@ -4,7 +4,8 @@
 //! of the sensor where they are not known. Gauss–Newton with the sparse factor of [`crate::smoothing`].
 
 use super::past::{Heard, Past};
-use super::sensing::{by_robot, Calibration, Look, Request, Sensing};
+use super::sensing::{Calibration, Look, Request, Sensing};
+use crate::belief::by_robot_pose;
 use crate::error::Result;
 use crate::geometry::Pose;
 use crate::math;
@@ -229,7 +230,7 @@ impl<S: ?Sized> Graph<'_, S> {
 
     fn by_pose<const Z: usize>(&self, solution: &Solution, one: &Seen<Z>, look: &Look<Z>) -> Matrix<Z, 3> {
         let robot = solution.poses[one.step];
-        by_robot(&look.by_pose, robot, robot.compose(self.T_robot_sensor))
+        by_robot_pose(look.by_pose, robot, robot.compose(self.T_robot_sensor))
     }
 
     /// The precision that a sighting counts with, and what it costs; `None` where it cannot be computed.

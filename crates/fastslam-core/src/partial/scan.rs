@@ -2,10 +2,10 @@
 
 use super::past::{numbers, Heard, Noise};
 use super::place::{spread_of, Place};
-use super::sensing::{by_robot, Request, Sensing};
+use super::sensing::{Request, Sensing};
 use super::state::Name;
 use super::PartialSlam;
-use crate::belief::Belief;
+use crate::belief::{by_robot_pose, Belief};
 use crate::config::Algorithm;
 use crate::diagnosis::health::Vitals;
 use crate::diagnosis::innovations::PredictedScan;
@@ -18,11 +18,9 @@ use crate::math;
 use crate::motion::MotionGaussian;
 use crate::normal::{fit, scaled, sum, Cholesky, Matrix, Normal};
 use crate::random::Purpose;
-use crate::resampling::resample;
-use crate::sighting::{Sighting, Skipped};
+use crate::resampling::{follow, resample};
+use crate::sighting::{deal, Sighting, Skipped};
 
-/// Above this spread of the heading the motion since the last sighting is sampled rather than linearised on.
-const LARGEST_LINEARISED_HEADING_STD_RAD: f64 = 0.2;
 /// Innovations are examined where so much of the weight has the landmark placed.
 const PLACED_BY_MOST: f64 = 0.5;
 
@@ -41,8 +39,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
         let births_before = self.state.cloud.names.len() as u64;
         self.state.watch.begin(stamp_s, info.sightings);
-        let pending_std = self.state.cloud.pending.covariance[2][2].sqrt();
-        info.sampling.sampled = info.sightings > 0 || pending_std >= LARGEST_LINEARISED_HEADING_STD_RAD;
+        info.sampling.sampled = info.sightings > 0 || !self.state.cloud.pending.can_be_linearised_on();
         if info.sampling.sampled {
             let (motion, mut ancestors) = (self.state.cloud.pending, None);
             for round in &rounds {
@@ -70,18 +67,10 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     }
 
     /// The usable sightings, in rounds that hear each landmark once at most; one round at least.
-    ///
-    /// **Why:** two sightings of one landmark are not independent given the pose's prior: the second waits for the first.
     fn rounds(&self, sightings: &[Sighting], skipped: &mut Skipped) -> Vec<Vec<Named<Z>>> {
-        let mut rounds: Vec<Vec<Named<Z>>> = vec![Vec::new()];
-        for sighting in sightings {
-            let Some(named) = self.usable(sighting, skipped) else { continue };
-            let free = |round: &&mut Vec<Named<Z>>| round.iter().all(|other| other.identity != named.identity);
-            match rounds.iter_mut().find(free) {
-                Some(round) => round.push(named),
-                None => rounds.push(vec![named]),
-            }
-        }
+        let mut rounds = Vec::new();
+        let usable = sightings.iter().filter_map(|sighting| self.usable(sighting, skipped));
+        deal(&mut rounds, usable, |named| Some(named.identity));
         rounds
     }
 
@@ -137,11 +126,11 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         }
         self.estimate_weighed(&beliefs, info)?;
         if let Some(drawn) = self.resampled(info) {
-            beliefs = drawn.iter().map(|a| beliefs[*a as usize]).collect();
-            *ancestors = Some(match ancestors.take() {
-                Some(earlier) => drawn.iter().map(|a| earlier[*a as usize]).collect(),
-                None => drawn,
-            });
+            follow(&mut beliefs, &drawn, &mut Vec::new());
+            match ancestors {
+                Some(earlier) => follow(earlier, &drawn, &mut Vec::new()),
+                None => *ancestors = Some(drawn),
+            }
         }
         self.sample(&beliefs);
         let weighed = self.correct(&known)?;
@@ -154,9 +143,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             self.state.cloud.names[one.slot].sightings += 1;
         }
         if weighed {
-            let before = self.state.cloud.weights.log_mean;
-            self.weights_now()?;
-            info.weighing.log_likelihood += self.state.cloud.weights.log_mean - before;
+            info.weighing.log_likelihood += self.weights_now()?;
             self.estimate_particles();
         }
         Ok(())
@@ -201,17 +188,15 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
 
     /// Normalises the weights and gives the estimate of the beliefs.
     fn estimate_weighed(&mut self, beliefs: &[Belief], info: &mut StepInfo) -> Result<()> {
-        let before = self.state.cloud.weights.log_mean;
-        self.weights_now()?;
-        info.weighing.log_likelihood += self.state.cloud.weights.log_mean - before;
+        info.weighing.log_likelihood += self.weights_now()?;
         info.weighing.effective_sample_size = self.state.cloud.weights.effective_sample_size;
         self.estimate_beliefs(beliefs);
         Ok(())
     }
 
-    fn weights_now(&mut self) -> Result<()> {
+    fn weights_now(&mut self) -> Result<f64> {
         let cloud = &mut self.state.cloud;
-        cloud.weights.normalize(&cloud.particles.log_weight, self.state.counters.steps)
+        cloud.weights.renormalize(&cloud.particles.log_weight, self.state.counters.steps)
     }
 
     /// Refines the beliefs by a sighting of a landmark, in the particles that have it placed, and weighs these.
@@ -231,7 +216,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let mut predicted = Vec::with_capacity(holders.len());
         for ((i, gaussian), look) in holders.iter().zip(&looks) {
             let belief = &mut beliefs[*i];
-            let by_pose = by_robot(&look.by_pose, belief.mean, belief.mean.compose(self.T_robot_sensor));
+            let by_pose = by_robot_pose(look.by_pose, belief.mean, belief.mean.compose(self.T_robot_sensor));
             let q = spread_of(look, gaussian, &one.noise.covariance);
             let s = sum(&crate::normal::congruence(&by_pose, &belief.covariance), &q);
             let Some(fitted) = fit(&look.innovation, &s, one.noise.tail).filter(|fit| fit.log_likelihood.is_finite())
@@ -284,8 +269,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     fn resampled(&mut self, info: &mut StepInfo) -> Option<Vec<u32>> {
         let settings = &self.config.filter.resampling;
         let count = self.state.cloud.particles.len();
-        let low = settings.threshold >= 1.0 || info.weighing.effective_sample_size < settings.threshold * count as f64;
-        if info.sightings == 0 || !low {
+        if info.sightings == 0 || !self.state.cloud.weights.are_uneven(settings.threshold) {
             return None;
         }
         let stream = self.random.stream(Purpose::Resampling, self.state.counters.samplings);

@@ -116,9 +116,3 @@ impl<const Z: usize, M: Births<Z, 2>> Sensing<Z> for M {
         Ok(sightings.iter().map(|(sensor, measured)| Births::births(self, *sensor, *measured, noise)).collect())
     }
 }
-
-/// The derivative by the robot's pose: the sensor turns about the robot, so its lever arm enters.
-pub(super) fn by_robot<const Z: usize>(by_sensor: &Matrix<Z, 3>, robot: Pose, sensor: Pose) -> Matrix<Z, 3> {
-    let (ax, ay) = (sensor.x - robot.x, sensor.y - robot.y);
-    by_sensor.map(|[x, y, h]| [x, y, h - ay * x + ax * y])
-}

@@ -133,10 +133,8 @@ impl Cloud {
 
     /// All weights are equal.
     pub fn restart_weights(&mut self) {
-        let count = self.particles.len();
         self.particles.log_weight.fill(0.0);
-        self.weights =
-            Weights { values: vec![1.0 / count as f64; count], effective_sample_size: count as f64, log_mean: 0.0 };
+        self.weights.restart(self.particles.len());
     }
 
     /// An estimate by the particles, as uncertain as they are all together.

@@ -6,6 +6,7 @@ use super::effort::Effort;
 use super::equations::{motion_cost, Block, Equations};
 use super::factor::Factor;
 use super::history::{History, Seen, Trajectory};
+use crate::belief::by_robot_pose;
 use crate::gaussian::{innovation_covariance, Gaussian, Inverse};
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::Measured;
@@ -257,10 +258,13 @@ impl<M: Placing> Graph<'_, M> {
         let distance = inverse.form(innovation);
         let scale = inverse.reciprocal * self.likelihood_exponent / measured.tail.noise_scale(distance);
         let Symmetric2 { xx, xy, yy } = inverse.adjugate().scaled(scale);
-        // The sensor moves with the robot's heading: d(sensor)/d(heading) is the lever arm turned by a right angle.
-        let lever = [sensor.x - T_world_robot.x, sensor.y - T_world_robot.y];
-        let by_pose = linear.by_pose.map(|[x, y, h]| [x, y, h - x * lever[1] + y * lever[0]]);
-        View { innovation, by_landmark: linear.by_landmark, by_pose, weight: [[xx, xy], [xy, yy]], distance }
+        View {
+            innovation,
+            by_landmark: linear.by_landmark,
+            by_pose: by_robot_pose(linear.by_pose, T_world_robot, sensor),
+            weight: [[xx, xy], [xy, yy]],
+            distance,
+        }
     }
 
     /// Minus the logarithm of the posterior, up to a constant; infinite where it is not finite.

@@ -175,8 +175,7 @@ impl<M: Spatial> SpaceSlam<M> {
     fn resample(&self, weights: &Weights, log_weight: &[f64]) -> Option<Vec<u32>> {
         let count = log_weight.len();
         let broken = log_weight.iter().any(|w| w.is_nan());
-        let least = self.config.filter.resampling_threshold * count as f64;
-        if weights.effective_sample_size >= least && !broken {
+        if !weights.are_uneven(self.config.filter.resampling_threshold) && !broken {
             return None;
         }
         let stream = self.random.stream(Purpose::Resampling, self.state.counters.steps);
