@@ -13,6 +13,7 @@ from fastslam.space import SpaceConfig, evaluate, load, matches, run, write_outp
 from fastslam.space.evaluation import alignment, at_stamps, compose, matrices, quaternions
 from fastslam.space.learning import learn
 from fastslam.space.log import MEASURED, SpaceLog
+from fastslam.space.native import ON_THE_GROUND
 from fastslam.space.result import SpacePath
 from fastslam.space.simulation import POSITION_STD, STD, TURN_STD, simulate
 
@@ -265,6 +266,35 @@ def test_poses_between_stamps_are_on_the_way() -> None:
     stamps, poses = at_stamps(path, np.array([-1.0, 0.05, 0.2, 3.0]))
     # Before the start, and in a gap, nothing is known; a quaternion and its negative are one turn.
     assert stamps.tolist() == [0.05, 0.2] and np.allclose(poses[0], [0.25, 0, 0, 1, 0, 0, 0])
+
+
+def test_a_robot_on_the_ground_maps_heights(tmp_path: Path) -> None:
+    path = write_log(tmp_path / "rover", settings="motion: {turn_std_rad_per_sqrt_s: [0.002, 0.002, 0.02]}\n")
+    rng = np.random.default_rng(7)
+    places = rng.uniform([-4.0, -1.0, 0.5], [4.0, 7.0, 2.5], (9, 3))
+    rows, seen = ["stamp_s,speed_m_per_s,yaw_rate_deg_per_s"], ["stamp_s,landmark_id,x_m,y_m,z_m"]
+    for step in range(200):
+        # A circle of 3 m, and wheels that slip by 3 cm a root second.
+        angle = 0.02 * (step + 1)
+        off = places - [3.0 * np.sin(angle), 3.0 * (1.0 - np.cos(angle)), 0.0]
+        points = off @ turned(np.array([0.0, 0.0, angle])) + rng.normal(0.0, 0.02, off.shape)
+        rows.append(f"{0.1 * step:.1f},{0.6 + rng.normal(0.0, 0.1)},{np.degrees(0.2)}")
+        seen += [f"{0.1 * (step + 1):.1f},star-{n},{x},{y},{z}" for n, (x, y, z) in enumerate(points)]
+    (path / "odometry.csv").write_text("\n".join(rows) + "\n")
+    (path / "sightings.csv").write_text("\n".join(seen) + "\n")
+    (path / "truth_landmarks.csv").unlink()
+    log = load(path)
+    assert log.velocity[:, 1:5].tolist() == [[0.0] * 4] * 200
+    assert log.velocity[:, 5] == pytest.approx(0.2)
+    # What the log says goes before what a robot on the ground does.
+    assert log.config["motion"]["turn_std_rad_per_sqrt_s"] == [0.002, 0.002, 0.02]
+    assert log.config["motion"]["position_std_m_per_sqrt_s"] == ON_THE_GROUND["position_std_m_per_sqrt_s"]
+    result = run(log)
+    order = [int(name.removeprefix("star-")) for name in result.landmarks.ids]
+    # 200 sightings of 2 cm; the turn is known to 2 cm over 3 m at first, and so is all that hangs on it.
+    started = np.array([1.5, 0.0, 0.0])
+    assert len(order) == 9 and np.abs(result.landmarks.mean_m - places[order] - started).max() < 0.05
+    assert np.abs(result.smoothed.T_world_robot[:, 2]).max() < 0.01
 
 
 def test_numbers_can_be_written_without_pictures(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .._yaml import YamlError, parse_yaml
-from ..datasets.columns import Quantity, name_columns
+from ..datasets.columns import Quantity, name_columns, split_unit
 from ..datasets.csv_table import CsvTable, read_csv
 from ..datasets.native_odometry import STAMP
 from ..datasets.text import find_file, read_table, read_text
@@ -26,6 +26,16 @@ VELOCITIES = (
     Quantity("wy_rad_per_s", ("angular_y", "gyro_y"), "rad_per_s"),
     Quantity("wz_rad_per_s", ("angular_z", "gyro_z"), "rad_per_s"),
 )
+PLANAR = (
+    Quantity("speed_m_per_s", ("speed", "velocity", "v"), "m_per_s"),
+    Quantity("yaw_rate_rad_per_s", ("yaw_rate", "turn_rate", "omega"), "rad_per_s"),
+)
+"""What a robot on the ground notes in place of six velocities."""
+ON_THE_GROUND = {
+    "position_std_m_per_sqrt_s": [0.05, 0.01, 0.001],
+    "turn_std_rad_per_sqrt_s": [0.001, 0.001, 0.03],
+}
+"""Its motion, where `log.yaml` says nothing else: it slips a little, and neither rises nor tilts."""
 COVARIANCES = tuple(f"covariance_{i}{j}" for i in range(3) for j in range(i, 3))
 NAME = Quantity("landmark_id", ("id", "landmark", "tag", "tag_id", "marker", "marker_id"), is_text=True)
 NUMBERS = {
@@ -61,8 +71,9 @@ def load(path: Path) -> SpaceLog:
     path = _folder(path)
     settings = _settings(path / "log.yaml")
     model = settings.get("sensor", {}).get("model", "point")
-    odometry = _table(path, "odometry.csv", (STAMP, *VELOCITIES))
-    row_stamp_s, velocity = odometry.stamps("stamp_s"), _columns(odometry, VELOCITIES)
+    odometry, velocity, motion = _odometry(path)
+    row_stamp_s = odometry.stamps("stamp_s")
+    settings["motion"] = {**motion, **settings.get("motion", {})}
     odometry.check_finite("stamp_s", row_stamp_s)
     early = np.diff(row_stamp_s) <= 0
     if early.any():
@@ -87,7 +98,7 @@ def load(path: Path) -> SpaceLog:
         covariance=None if covariance is None else covariance[order],
         truth=_truth(path),
         config={
-            key: settings[key] for key in ("motion", "sensor", "filter", "initial_pose") if key in settings
+            key: settings[key] for key in ("motion", "sensor", "filter", "initial_pose") if settings.get(key)
         },
         problems=(Problem("sightings are not in the order of time: sorted", late),) if late else (),
     )
@@ -116,6 +127,27 @@ def _settings(path: Path) -> dict[str, Any]:
     except ConfigError as error:
         raise DataError(str(error), path, line_of_key.get(str(error).partition(":")[0])) from None
     return dict(settings)
+
+
+def _odometry(path: Path) -> tuple[CsvTable, Floats, dict[str, list[float]]]:
+    """The table, its velocities (N, 6), and the noise of a motion that the table tells the kind of."""
+    if _is_planar(path):
+        table = _table(path, "odometry.csv", (STAMP, *PLANAR))
+        velocity = np.zeros((len(table.lines), 6))
+        velocity[:, [0, 5]] = _columns(table, PLANAR)
+        return table, velocity, ON_THE_GROUND
+    table = _table(path, "odometry.csv", (STAMP, *VELOCITIES))
+    return table, _columns(table, VELOCITIES), {}
+
+
+def _is_planar(path: Path) -> bool:
+    """Whether the odometry has one speed, not one for each axis."""
+    file = find_file(path, "odometry.csv")
+    if file is None:
+        return False
+    speed = PLANAR[0]
+    names = {split_unit(name)[0] for name in read_csv(file, example=speed.name).index_of}
+    return not names.isdisjoint({split_unit(speed.name)[0], *speed.aliases})
 
 
 def _table(
