@@ -36,6 +36,8 @@ pub enum Purpose {
     Rejuvenation = 5,
     /// Poses at a start that is not known exactly.
     Start = 6,
+    /// Errors of imagined runs.
+    Errors = 7,
 }
 
 /// The random numbers of one run.
@@ -72,6 +74,12 @@ impl Stream {
     pub fn uniform_pair(self, particle: u32, draw: u32) -> [f64; 2] {
         let [a, b, c, d] = philox([particle, draw, self.low, self.high], self.key);
         [unit_interval(a, b), unit_interval(c, d)]
+    }
+
+    /// 128 independent bits.
+    #[inline(always)]
+    pub fn words(self, index: u32, draw: u32) -> [u32; 4] {
+        philox([index, draw, self.low, self.high], self.key)
     }
 
     /// One uniform number in (0, 1).

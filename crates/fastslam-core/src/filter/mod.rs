@@ -13,12 +13,14 @@ mod correct;
 mod doubtful;
 mod doubts;
 mod engine;
+mod errors;
 mod estimate;
 mod examine;
 mod existence;
 mod extent;
 mod fading;
 mod given;
+mod imagine;
 mod judge;
 mod landmarks;
 mod looking;
@@ -175,7 +177,11 @@ impl<M: Placing> FastSlam<M> {
     pub fn rejuvenate(&mut self) -> bool {
         let Self { engine, beside } = self;
         let has_changed = beside.take_over(engine);
-        rejuvenation::rejuvenate(&engine.setup, &mut engine.state, &mut engine.work) || has_changed
+        let has_drawn = rejuvenation::rejuvenate(&engine.setup, &mut engine.state, &mut engine.work);
+        if has_drawn {
+            imagine::report_errors(&mut engine.state);
+        }
+        has_drawn || has_changed
     }
 
     /// How often a step has waited for a draw that is done beside the filter. It depends on the machine, and changes no
@@ -228,6 +234,7 @@ impl<M: Placing> FastSlam<M> {
     pub fn predicted_pose(&mut self) -> PoseEstimate {
         propose::propose(&self.engine.setup, &self.engine.state, &mut self.engine.work.beliefs);
         estimate::estimate_beliefs(&mut self.engine.state, &self.engine.work.beliefs);
+        imagine::report_errors(&mut self.engine.state);
         self.engine.state.estimate
     }
 

@@ -8,7 +8,9 @@
 //! **Source:** `beevers2007fixedlag` for the idea of drawing past poses again; the exact factorisation
 //! (`montemerlo2002fastslam`, eq. 3) is what makes landmarks follow from a path. Exact in a linear-Gaussian world.
 
+use super::errors::MEMBERS;
 use super::estimate::estimate_beliefs;
+use super::imagine::imagine_drawn;
 use super::landmarks::Landmarks;
 use super::merging::Unions;
 use super::need::{Need, Returns};
@@ -32,7 +34,7 @@ use crate::store::RowsMut;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A landmark of one map: its slot and its mean.
-type Place = (u32, [f64; 2]);
+pub(super) type Place = (u32, [f64; 2]);
 
 /// Remembers that the path begins with an error.
 pub(super) fn remember_start(state: &mut State, mean: Pose, spread: &MotionGaussian) {
@@ -44,15 +46,15 @@ pub(super) fn remember_start(state: &mut State, mean: Pose, spread: &MotionGauss
     }
 }
 
-/// Remembers that a pose was added to every path.
-pub(super) fn remember_step(state: &mut State) {
+/// Remembers that a pose was added to every path; returns the motion that led to it.
+pub(super) fn remember_step(state: &mut State) -> Option<MotionGaussian> {
     let best = state.particles.best();
-    if let Some(rejuvenation) = &mut state.rejuvenation {
-        let motion = rejuvenation.history.step_done();
-        if let Some(need) = &mut rejuvenation.need {
-            need.step_done(&motion, state.particles.pose(best));
-        }
+    let rejuvenation = state.rejuvenation.as_mut()?;
+    let motion = rejuvenation.history.step_done();
+    if let Some(need) = &mut rejuvenation.need {
+        need.step_done(&motion, state.particles.pose(best));
     }
+    Some(motion)
 }
 
 /// Whether it is time to draw all particles anew.
@@ -168,7 +170,7 @@ fn start_anew<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
     let (mode, misread) = leave_out_misread(setup, state, &mut graph, mode);
     let stream = stream_of(setup, state);
     let (mode, merges, moved) = close_loops(setup, state, &mut graph, mode, &places);
-    let sampling = Sampling { stream, count: state.particles.len(), spread: settings.spread };
+    let sampling = Sampling { stream, count: state.particles.len(), least: MEMBERS, spread: settings.spread };
     let drawn = draw(&graph, &mode, &sampling);
     if !drawn.last_poses.iter().all(|pose| pose.is_finite()) {
         return None;
@@ -177,6 +179,7 @@ fn start_anew<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
     let trajectory = mode.solution.trajectory;
     become_copies_of_best(state, work, &trajectory, &drawn);
     take_over(&mut state.landmarks, &landmarks, &drawn, &places);
+    imagine_drawn(setup, state, (&landmarks, &drawn), &places);
     state.weights.restart(state.particles.len());
     propose(setup, state, &mut work.beliefs);
     estimate_beliefs(state, &work.beliefs);
@@ -301,7 +304,7 @@ fn close_loops<M: Placing>(
     // Particles have lower numbers.
     let normal = |size, pass: usize| {
         let mut numbers = vec![[0.0; LANES]; size];
-        let sampling = Sampling { stream, count: LANES, spread: 1.0 };
+        let sampling = Sampling { stream, count: LANES, least: 0, spread: 1.0 };
         fill_normal(&mut numbers, &sampling, u32::MAX - ((pass + 1) * LANES) as u32);
         numbers
     };
@@ -332,7 +335,7 @@ fn become_copies_of_best(state: &mut State, work: &mut Work, trajectory: &Trajec
     state.landmarks.resample(&work.ancestor_indices);
     state.path.resample(&work.ancestor_indices);
     state.path.replace(&trajectory.poses, |i| drawn.last_poses[i]);
-    for (i, pose) in drawn.last_poses.iter().enumerate() {
+    for (i, pose) in drawn.last_poses[..count].iter().enumerate() {
         state.particles.set_pose(i, *pose);
     }
 }
@@ -368,7 +371,8 @@ fn take_over(maps: &mut Landmarks, landmarks: &[Sights], drawn: &Drawn, places: 
 
 /// Puts what was drawn of a landmark into its rows.
 fn put(gaussians: &[Gaussian], mut rows: RowsMut<'_>) {
-    for (i, gaussian) in gaussians.iter().enumerate() {
+    let particles = rows.column(Planar::SIGHTINGS).len();
+    for (i, gaussian) in gaussians.iter().enumerate().take(particles) {
         // A landmark at the sensor has no direction; it stays what it was.
         if gaussian.is_usable() {
             Planar::put(gaussian, &mut rows, i);

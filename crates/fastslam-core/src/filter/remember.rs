@@ -2,6 +2,7 @@
 
 use super::beginning::{count_given_decided, count_given_named};
 use super::doubts::note_need;
+use super::imagine::Shown;
 use super::setup::Setup;
 use super::state::State;
 use super::work::{Claims, Work};
@@ -15,11 +16,14 @@ pub(super) fn remember<M: Placing>(setup: &Setup<M>, state: &mut State, work: &m
     if setup.settings.identities == Identities::All {
         count_given_named(setup, state, scan, &work.associating.named);
         remember_named(state, scan, &work.associating.named);
+        let named = scan.iter().zip(&work.associating.named);
+        work.imagining.shown.extend(named.filter_map(|(sighting, slot)| Some(((*slot)?, sighting.measured))));
         return;
     }
     let (claims, births) = (work.associating.claims(scan), &work.correcting.births);
     remember_decided(state, claims, births);
     see_decided(state, claims, births, &mut work.seen);
+    show_decided(state, claims, &work.correcting.founded, &mut work.imagining.shown);
     remember_need(setup, state, claims, &work.correcting.founded);
     count_given_decided(setup, state, claims);
 }
@@ -63,6 +67,18 @@ fn remember_need<M: Placing>(setup: &Setup<M>, state: &mut State, claims: Claims
         }
     }
     note_need(setup, state, claims.scan, &matched, &new);
+}
+
+/// Takes note of what the best particle decided.
+fn show_decided(state: &State, claims: Claims<'_>, founded: &[(usize, u32)], shown: &mut Vec<Shown>) {
+    for (j, decision) in claims.of(state.particles.best()).iter().enumerate() {
+        let slot = match decision {
+            Decision::Landmark(candidate) => Some(claims.table.slots[*candidate as usize]),
+            Decision::New => founded.iter().find(|(of, _)| *of == j).map(|(_, slot)| *slot),
+            Decision::Ignored => None,
+        };
+        shown.extend(slot.map(|slot| (slot, claims.scan[j].measured)));
+    }
 }
 
 /// Takes note, for whoever watches, of what the best particle decided.

@@ -36,6 +36,7 @@ pub(super) fn resample<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
     );
     if let Some(rejuvenation) = rejuvenation {
         rejuvenation.history.resample(ancestor_indices);
+        rejuvenation.errors.resample(ancestor_indices);
     }
     weights.restart(enough);
     work.log_likelihood.resize(enough, 0.0);

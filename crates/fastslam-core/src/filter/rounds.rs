@@ -1,6 +1,7 @@
 //! A scan in rounds that see each identity once at most: what stands around the steps of the algorithm.
 
 use super::estimate::estimate_beliefs;
+use super::imagine::{imagine, report_errors};
 use super::names::doubt_names;
 use super::propose::{keeps_motion_pending, propose};
 use super::rejuvenation::{draw_in_place, draws_in_place, leave_draw, rejuvenation_is_due, remember_step};
@@ -62,6 +63,7 @@ pub(super) fn process_rounds<M: Placing>(
 ) -> Result<()> {
     let names_known = setup.settings.identities == Identities::All;
     work.seen.clear();
+    work.imagining.shown.clear();
     if names_known {
         rounds.iter_mut().for_each(|round| doubt_names(setup, state, &mut work.seen, round, info));
         note_returns(setup, state, rounds);
@@ -80,7 +82,9 @@ pub(super) fn process_rounds<M: Placing>(
     if info.sampling.sampled {
         let particles = &state.particles;
         state.path.extend(stamp_s, &setup.workers, |i| particles.pose(i));
-        remember_step(state);
+        if let Some(motion) = remember_step(state) {
+            imagine(setup, state, &mut work.imagining, &motion);
+        }
     }
     let is_due = info.sampling.sampled && rejuvenation_is_due(setup, state);
     if is_due && draws_in_place(state) {
@@ -88,6 +92,7 @@ pub(super) fn process_rounds<M: Placing>(
     }
     info.landmarks = state.particles.landmarks[state.particles.best()];
     judge_health(setup, state, work, Before { stamp_s, births: births_before }, info);
+    report_errors(state);
     state.counters.steps += 1;
     if is_due && !draws_in_place(state) {
         leave_draw(state, work, Moment::AfterScan);

@@ -1,5 +1,6 @@
 //! What a step needs of those before it: all that a snapshot holds.
 
+use super::errors::Errors;
 use super::given::Given;
 use super::landmarks::Landmarks;
 use super::merger::Merger;
@@ -88,6 +89,9 @@ pub(super) struct Rejuvenation {
     /// What names say of drift; behind the others in a snapshot, which older formats did not have.
     #[serde(skip)]
     pub returns: Returns,
+    /// How wrong the pose may be; behind the others in a snapshot, which older formats did not have.
+    #[serde(skip)]
+    pub errors: Errors,
     /// Follows from the configuration, and from whether a draw is under way.
     #[serde(skip)]
     pub drawing: Drawing,
@@ -124,8 +128,9 @@ impl Rejuvenation {
             None => true,
         };
         let need = by_need.then(|| Need::new(config.initial_pose.T_world_robot()));
-        let (history, drawing) = (History::new(config.filter.particles as usize), Drawing::of(config));
-        Some(Self { history, need, drawing, ..Self::default() })
+        let particles = config.filter.particles as usize;
+        let (history, errors, drawing) = (History::new(particles), Errors::new(particles), Drawing::of(config));
+        Some(Self { history, need, errors, drawing, ..Self::default() })
     }
 }
 

@@ -1,7 +1,9 @@
 //! Memory that steps share. What it holds counts for nothing once a step is done.
 
 use super::beliefs::Beliefs;
+use super::errors::{Linear, Noise};
 use super::fading::Look;
+use super::imagine::Shown;
 use super::state::State;
 use crate::association::{fast, CandidateTable, Decision, FitTable, ScanSighting, Scratch};
 use crate::diagnosis::innovations::PredictedScan;
@@ -30,7 +32,17 @@ pub(super) struct Work {
     /// Landmarks of the map that the scan should have shown, where that was looked at.
     pub map_in_view: Option<MapInView>,
     pub judging: Judging,
+    pub imagining: Imagining,
     pub draws: Draws,
+}
+
+/// What imagined runs see.
+#[derive(Default)]
+pub(super) struct Imagining {
+    /// Sightings of all rounds with the slot of the landmark that the best particle took them for.
+    pub shown: Vec<Shown>,
+    pub scan: Vec<Linear>,
+    pub noise: Vec<Noise>,
 }
 
 /// Draws between two steps, of which somebody on another thread may want to hear.

@@ -12,9 +12,9 @@ use crate::vector::vectorized;
 
 /// Draws from the posterior.
 pub struct Drawn {
-    /// Pose of each particle at the last step.
+    /// Pose at the last step, those of particles first.
     pub last_poses: Vec<Pose>,
-    /// Landmark by landmark, one Gaussian per particle.
+    /// Landmark by landmark, one Gaussian per draw.
     pub landmarks: Vec<Gaussian>,
 }
 
@@ -22,15 +22,17 @@ pub struct Drawn {
 pub struct Sampling {
     /// Random numbers.
     pub stream: Stream,
-    /// Number of draws.
+    /// Number of draws that become particles.
     pub count: usize,
+    /// Draws at least, whatever becomes of them.
+    pub least: usize,
     /// Distance from the mode, 1 for that of the posterior.
     pub spread: f64,
 }
 
 /// Draws paths from the Laplace approximation at a mode, with the landmarks that follow from each path.
 pub fn draw<M: Placing>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) -> Drawn {
-    let count = sampling.count;
+    let count = sampling.count.max(sampling.least);
     let (held, free) = mode.solution.trajectory.poses.split_at(graph.first_free);
     let mut draws = Draws {
         first_free: graph.first_free,
@@ -44,7 +46,7 @@ pub fn draw<M: Placing>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) 
     let mut numbers = vec![[0.0; LANES]; mode.factor.size()];
     let sightings: usize = graph.landmarks.iter().map(|sights| sights.seen.len()).sum();
     let each = 0.06 * (mode.factor.numbers() + LANES * sightings) as f64;
-    graph.effort.spend(each * count.div_ceil(LANES) as f64);
+    graph.effort.spend(each * sampling.count.div_ceil(LANES) as f64);
     for first in (0..count).step_by(LANES) {
         fill_normal(&mut numbers, sampling, first as u32);
         mode.factor.draw(&mut numbers, |variable, lanes| place(variable, lanes, mode, &mut draws));

@@ -81,6 +81,11 @@ impl History {
         motion
     }
 
+    /// The motion since the last step.
+    pub fn pending(&self) -> &MotionGaussian {
+        &self.pending
+    }
+
     /// All of it for somebody else; what is left knows the motion since the last step, and nothing before.
     pub fn hand_over(&mut self) -> Self {
         let left = Self { pending: self.pending, tips: vec![NONE; self.tips.len()], ..Self::default() };
