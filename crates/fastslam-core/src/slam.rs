@@ -20,7 +20,7 @@ pub type Maker<'a> = &'a dyn Fn(Config, Identities) -> Result<Box<dyn Slam>>;
 
 /// The filter that a snapshot was taken of, with its configuration and note.
 ///
-/// **Errors:** [`Error::Input`](crate::error::Error::Input) when the bytes are no snapshot, of another format or damaged;
+/// **Errors:** [`Error::Input`] when the bytes are no snapshot, of another format or damaged;
 /// those of `make`.
 pub fn load(snapshot: &[u8], make: Maker<'_>) -> Result<(Box<dyn Slam>, Config, String)> {
     let (head, _) = snapshot::open(snapshot, Holds::Filter)?;
