@@ -17,6 +17,7 @@ use crate::math;
 use crate::motion::MotionGaussian;
 use crate::random::Stream;
 use crate::resampling::follow;
+use crate::sighting::Measured;
 use crate::smoothing::Known;
 use crate::vector::vectorized;
 use serde::{Deserialize, Serialize};
@@ -71,6 +72,9 @@ impl Place {
     const NONE: Self =
         Self { birth: u64::MAX, given_path: Symmetric2 { xx: 0.0, xy: 0.0, yy: 0.0 }, errors: [[0.0; MEMBERS]; 2] };
 }
+
+/// A sighting with the slot of the landmark that the best particle took it for.
+pub(super) type Shown = (u32, Measured);
 
 /// A sighting of a landmark, linearised where the best particle has robot and landmark.
 #[derive(Clone, Copy, Debug)]

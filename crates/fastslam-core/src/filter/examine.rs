@@ -32,8 +32,8 @@ pub(super) fn examine<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mu
 
 /// Examines a scan whose sightings all name their landmark.
 fn examine_named<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
-    let Work { matches, examination, associating, .. } = work;
-    let Examination { known, particles, pairs, .. } = examination;
+    let Work { examination, associating, .. } = work;
+    let Examination { matches, known, particles, pairs, .. } = examination;
     known.clear();
     known.extend(associating.named.iter().enumerate().filter_map(|(j, slot)| Some((j, (*slot)?))));
     matches.clear();
@@ -60,7 +60,7 @@ fn examine_decided<M: Placing>(
     scan: &[ScanSighting],
     best: usize,
 ) {
-    let Work { matches, examination, associating, .. } = &mut *work;
+    let Work { examination, associating, .. } = &mut *work;
     let claims = associating.claims(scan);
     let known = claims.of(best).iter().enumerate().filter_map(|(j, decision)| match decision {
         Decision::Landmark(candidate) => Some((j, *candidate)),
@@ -68,9 +68,10 @@ fn examine_decided<M: Placing>(
     });
     examination.known.clear();
     examination.known.extend(known);
+    let Examination { matches, known, .. } = examination;
     matches.clear();
     let birth = |candidate: u32| state.landmarks.birth(claims.table.slots[candidate as usize]);
-    matches.extend(examination.known.iter().map(|(j, candidate)| (scan[*j].measured.value, birth(*candidate))));
+    matches.extend(known.iter().map(|(j, candidate)| (scan[*j].measured.value, birth(*candidate))));
     state.diagnosis.watch.matched(matches.iter().copied(), scan.len());
     if !state.diagnosis.watch.examines() || scan.is_empty() {
         return;

@@ -1,8 +1,8 @@
 //! Lets the imagined runs of `errors.rs` do what the filter does, and reports what they say of the pose.
 
-use super::errors::Linear;
+use super::errors::{Linear, Shown};
+use super::landmarks::Place;
 use super::particles::{Particles, PoseEstimate};
-use super::rejuvenation::Place;
 use super::setup::Setup;
 use super::state::State;
 use super::work::Imagining;
@@ -12,12 +12,8 @@ use crate::math;
 use crate::measurement::Placing;
 use crate::motion::MotionGaussian;
 use crate::random::{Purpose, Stream};
-use crate::sighting::Measured;
 use crate::smoothing::{Drawn, Known, Sights};
 use rustc_hash::FxHashMap;
-
-/// A sighting with the slot of the landmark that the best particle took it for.
-pub(super) type Shown = (u32, Measured);
 
 /// The imagined runs move as the robot did, and see what it saw.
 pub(super) fn imagine<M: Placing>(

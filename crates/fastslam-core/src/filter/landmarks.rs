@@ -28,6 +28,9 @@ pub struct Slot {
     pub identity: Option<u32>,
 }
 
+/// A landmark of one map: its slot and its mean.
+pub(super) type Place = (u32, [f64; 2]);
+
 /// Columns of a row at most, with that of names: those of landmarks of four coordinates.
 const MOST_COLUMNS: usize = 16;
 

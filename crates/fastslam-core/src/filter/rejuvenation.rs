@@ -11,7 +11,7 @@
 use super::errors::MEMBERS;
 use super::estimate::estimate_beliefs;
 use super::imagine::imagine_drawn;
-use super::landmarks::Landmarks;
+use super::landmarks::{Landmarks, Place};
 use super::merging::Unions;
 use super::need::{Need, Returns};
 use super::propose::propose;
@@ -32,9 +32,6 @@ use crate::smoothing::{by_landmark, draw, fill_normal, Drawn, Effort, Sampling, 
 use crate::smoothing::{Closing, Graph, Known, Mode, Moved, SecondThoughts, Sights, Trajectory, NO_LANDMARK, PASSES};
 use crate::store::RowsMut;
 use rustc_hash::{FxHashMap, FxHashSet};
-
-/// A landmark of one map: its slot and its mean.
-pub(super) type Place = (u32, [f64; 2]);
 
 /// Remembers that the path begins with an error.
 pub(super) fn remember_start(state: &mut State, mean: Pose, spread: &MotionGaussian) {

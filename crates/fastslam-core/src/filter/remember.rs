@@ -2,7 +2,7 @@
 
 use super::beginning::{count_given_decided, count_given_named};
 use super::doubts::note_need;
-use super::imagine::Shown;
+use super::errors::Shown;
 use super::setup::Setup;
 use super::state::State;
 use super::work::{Claims, Work};

@@ -1,9 +1,8 @@
 //! Memory that steps share. What it holds counts for nothing once a step is done.
 
 use super::beliefs::Beliefs;
-use super::errors::{Linear, Noise};
+use super::errors::{Linear, Noise, Shown};
 use super::fading::Look;
-use super::imagine::Shown;
 use super::state::State;
 use crate::association::{fast, CandidateTable, Decision, FitTable, ScanSighting, Scratch};
 use crate::diagnosis::innovations::PredictedScan;
@@ -25,8 +24,6 @@ pub(super) struct Work {
     pub associating: Associating,
     pub correcting: Correcting,
     pub examination: Examination,
-    /// Sightings of known landmarks with the births of these.
-    pub matches: Vec<([f64; 2], u64)>,
     /// What the best particle took the sightings of the last scan for.
     pub seen: Vec<Seen>,
     /// Landmarks of the map that the scan should have shown, where that was looked at.
@@ -190,7 +187,9 @@ pub(super) type Pair = (Measured, [Option<Gaussian>; SUBSET]);
 /// What an examination needs to remember; kept for its memory.
 #[derive(Debug, Default)]
 pub(super) struct Examination {
-    /// Sightings of known landmarks, with the slot or the candidate.
+    /// Sightings of known landmarks with the births of these.
+    pub matches: Vec<([f64; 2], u64)>,
+    /// The same sightings by number, with the slot or the candidate.
     pub known: Vec<(usize, u32)>,
     pub particles: Vec<usize>,
     pub pairs: Vec<Pair>,
