@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +21,12 @@ from fastslam.plots import consistency_figure, house_style
 START = T_WORLD_TRUTH.apply_poses(truth_path().T_world_robot[:1])[0]
 
 
-def demo(algorithm: str, runs: int) -> Consistency:
+PLAIN = {"filter": {"rejuvenation": {"every_steps": 0}}}
+
+
+def demo(algorithm: str, runs: int, settings: dict[str, Any] | None = None) -> Consistency:
     logs = simulated_logs({"max_duration_s": 20.0}, preset="demo")
-    return monte_carlo(logs, {"algorithm": algorithm}, seeds=range(1, runs + 1))
+    return monte_carlo(logs, merge(settings or {}, {"algorithm": algorithm}), seeds=range(1, runs + 1))
 
 
 def test_normalised_errors_by_hand() -> None:
@@ -52,7 +56,7 @@ def test_runs_without_a_true_path_are_refused() -> None:
 
 
 def test_a_kalman_filter_is_consistent_and_a_depleted_particle_filter_is_not() -> None:
-    kalman, particles = demo("ekf", 12), demo("fastslam1", 12)
+    kalman, particles = demo("ekf", 12), demo("fastslam1", 12, PLAIN)
     low, high = kalman.pose.bounds
     # 12 runs of one linearised filter: the mean lies within the 99.9 % bounds, the coverage within 15 points.
     assert 0.8 * low < kalman.pose.mean < 1.5 * high
@@ -62,6 +66,18 @@ def test_a_kalman_filter_is_consistent_and_a_depleted_particle_filter_is_not() -
     assert particles.position.coverage.found["90%"] < 0.5
     assert not kalman.aligned and kalman.runs == 12
     assert kalman.pose_median_of_quarter[3] < 5.0 < particles.pose_median_of_quarter[3]
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "mode"), [("fastslam2", "known"), ("fastslam2", "unknown"), ("fastslam1", "known")]
+)
+def test_what_is_reported_by_default_is_consistent(algorithm: str, mode: str) -> None:
+    found = demo(algorithm, 12, {"association": {"mode": mode}})
+    low, high = found.pose.bounds
+    # As above; a covariance of three numbers from 32 members makes the mean 31 / 27 times as large.
+    assert 0.5 * low < found.pose.mean < 1.5 * 31 / 27 * high
+    assert 0.75 < found.position.coverage.found["90%"] <= 1.0
+    assert 0.8 < found.position.coverage.found["95%"] <= 1.0
 
 
 def test_the_figure_shows_every_variant_and_the_bounds() -> None:
