@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -103,9 +104,39 @@ def test_arrays_need_no_ranges() -> None:
     assert len(run(log, {"filter": {"particles": 5}}).landmarks.ids) == 1
 
 
+def test_bearings_without_names_make_the_same_map(posts: LogType) -> None:
+    unknown = {**FEW, "association": {"mode": "unknown"}}
+    result = run(posts, unknown)
+    metrics = flatten(evaluate(result, posts))
+    assert all(metrics[name] == 1.0 for name in ("landmark_recall", "landmark_precision")), metrics
+    assert metrics["landmark_duplicates"] == 0
+    error_m = metrics["landmark_rmse_m"]
+    assert error_m is not None and error_m < 0.3
+    assert result.verdict == () and result.steps.matched.sum() > 0.8 * len(posts.sightings.stamp_s)
+    again = run(posts, unknown)
+    np.testing.assert_array_equal(again.path.T_world_robot, result.path.T_world_robot)
+
+
+def test_a_filter_without_names_goes_on_from_what_was_saved() -> None:
+    def turned(robot: FastSlam, steps: range) -> None:
+        for k in steps:
+            robot.predict([1.0, 0.1], dt_s=1.0)
+            heading = 0.1 * (k + 1)
+            x, y = np.sin(heading) / 0.1, (1.0 - np.cos(heading)) / 0.1
+            towards = [np.arctan2(b - y, a - x) - heading for a, b in ((12.0, 5.0), (-3.0, 18.0))]
+            robot.update(k + 1.0, bearing_rad=np.arctan2(np.sin(towards), np.cos(towards)))
+
+    robot = FastSlam({"sensor": SENSOR, **FEW}, identities="none")
+    turned(robot, range(25))
+    copy = pickle.loads(pickle.dumps(robot))
+    turned(robot, range(25, 50))
+    turned(copy, range(25, 50))
+    np.testing.assert_array_equal(robot.landmarks.mean_m, copy.landmarks.mean_m)
+    assert robot.landmarks.confirmed is not None and robot.landmarks.confirmed.sum() == 2
+
+
 def test_what_it_cannot_do_is_said_in_one_line(posts: LogType) -> None:
     for layer, message in (
-        ({"association": {"mode": "unknown"}}, "association.mode: got unknown"),
         ({"algorithm": "ekf"}, "algorithm: got ekf"),
         ({"sensor": {"min_range_m": 50.0}}, r"sensor\.min_range_m: got 50, expected at most"),
     ):

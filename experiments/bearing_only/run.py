@@ -1,7 +1,8 @@
 """Measures bearings alone beside ranges of 3 % with the same bearings: 60 landmarks of known names.
 
-    python experiments/bearing_only/run.py [--seeds 5] [--workers N] [--out docs/bearing-only.md]
+    python experiments/bearing_only/run.py [--first 1] [--seeds 5] [--workers N] [--unnamed] [--out PAGE]
 
+With `--unnamed` the bearings come without names; the ranges beside them keep theirs.
 With `--out` the table takes the place of that which the page has between its marks.
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +27,13 @@ SENSOR: dict[str, Any] = {"range_std_m": 0.3, "bearing_std_rad": 0.02, "max_rang
 FIGURES = {"ate_rmse_m": "live path", "smoothed_ate_rmse_m": "smoothed path", "landmark_rmse_m": "map"}
 
 
-def measure(seed: int) -> list[list[float]]:
+def measure(seed: int, unnamed: bool = False) -> list[list[float]]:
     """Errors of both sensors in the same world, and the share of landmarks found; a row for each sensor."""
     rows = []
     for model in ("bearing", "range_bearing"):
         log = simulate({"seed": seed, "world": {"count": LANDMARKS}, "sensor": {**SENSOR, "model": model}})
-        metrics = evaluate(fastslam.run(log, {"seed": seed}), log)
+        mode = "unknown" if unnamed and model == "bearing" else "known"
+        metrics = evaluate(fastslam.run(log, {"seed": seed, "association": {"mode": mode}}), log)
         names = (*FIGURES, "landmark_recall")
         rows.append([float(metrics[name]) for name in names])
     return rows
@@ -54,12 +57,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--first", type=int, default=1, help="the first seed")
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--workers", type=int)
+    parser.add_argument("--unnamed", action="store_true", help="bearings without names")
     parser.add_argument("--out", type=Path, help="a page with the marks of the table")
     options = parser.parse_args(arguments)
     with ProcessPoolExecutor(options.workers) as pool:
-        found = table(np.array(list(pool.map(measure, range(1, options.seeds + 1)))))
+        seeds = range(options.first, options.first + options.seeds)
+        found = table(np.array(list(pool.map(partial(measure, unnamed=options.unnamed), seeds))))
     print(found)
     if options.out is not None:
         write_measured(options.out, found)

@@ -42,7 +42,7 @@ MOST_WORK = 1e7
 
 def is_second_run_due(log: Log, config: Mapping[str, Any]) -> bool:
     """Whether a run over the log may take a wrong turn, and a second one costs seconds and not minutes."""
-    if config["algorithm"] == "ekf" or config["sensor"]["model"] != "range_bearing":
+    if config["algorithm"] == "ekf" or config["sensor"]["model"] not in ("range_bearing", "bearing"):
         return False
     work = len(log.sightings.stamp_s) * int(config["filter"]["particles"])
     return bool(config["association"]["mode"] == "unknown") and work <= MOST_WORK

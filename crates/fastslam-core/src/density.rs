@@ -115,6 +115,35 @@ pub fn chi_squared_2(probability: f64) -> f64 {
     -2.0 * math::ln(1.0 - probability)
 }
 
+/// What χ² with so many degrees of freedom, one or two, stays below with this probability.
+pub fn chi_squared(degrees_of_freedom: usize, probability: f64) -> f64 {
+    if degrees_of_freedom > 1 || probability >= 1.0 {
+        return chi_squared_2(probability);
+    }
+    let (mut low, mut high) = (0.0, 8.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if within(middle) < probability {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low * low
+}
+
+/// The probability that a standard normal number is not farther than this from zero.
+///
+/// √(2/π) e^(−x²/2) Σ x^(2n+1) / (1·3·…·(2n+1)), all terms of which are positive.
+fn within(x: f64) -> f64 {
+    let (mut term, mut sum) = (x, 0.0);
+    for n in 1..200 {
+        sum += term;
+        term *= x * x / f64::from(2 * n + 1);
+    }
+    math::exp(-0.5 * (x * x + LN_TAU)) * 2.0 * sum
+}
+
 /// What χ² with 2 n degrees of freedom stays below with this probability.
 ///
 /// P(d² > x) = e^(−x/2) Σ_{k<n} (x/2)^k / k!, inverted by bisection.
@@ -186,6 +215,10 @@ mod tests {
 
     #[test]
     fn quantiles_are_those_of_tables() {
+        for (probability, expected) in [(0.5, 0.4549), (0.95, 3.8415), (0.99, 6.6349), (0.99999, 19.511)] {
+            assert!((chi_squared(1, probability) - expected).abs() < 1e-3, "{probability}");
+        }
+        assert_eq!((chi_squared(1, 1.0), chi_squared(2, 0.9)), (f64::INFINITY, chi_squared_2(0.9)));
         assert!((chi_squared_2(0.99) - 9.210_340).abs() < 1e-6);
         // At 99.9 % (z = 3.0902) and 2.5 % (z = -1.96).
         for (degrees, z, expected) in [(2.0, 3.0902, 13.816), (10.0, 3.0902, 29.588), (150.0, -1.96, 117.985)] {

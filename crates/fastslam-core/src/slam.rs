@@ -42,8 +42,11 @@ pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
             Box::new(PartialSlam::range_only(config)?)
         }
         (Sensor::Bearing(_), _) => {
-            check_names("bearing", identities)?;
-            Box::new(PartialSlam::bearing_only(config)?)
+            let make = match identities.heeding(config.association.mode) {
+                Identities::None => PartialSlam::bearing_only_unnamed,
+                Identities::All | Identities::Some => PartialSlam::bearing_only,
+            };
+            Box::new(make(config)?)
         }
         (Sensor::Own(_), _) => return Err(Error::parameter("sensor.model", "own", EXPECTED_OF_OWN)),
     })

@@ -86,8 +86,8 @@ impl SensorModel {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensorSettings {
-    /// What a sighting says: `range_bearing`, `range` alone (beacons that are heard) or `bearing` alone (landmarks in
-    /// pictures), both known by name; `own` stands in the settings of a run with a sensor of one's own.
+    /// What a sighting says: `range_bearing`, `range` alone (beacons that are heard, by name) or `bearing` alone (landmarks
+    /// in pictures); `own` stands in the settings of a run with a sensor of one's own.
     pub model: SensorModel,
     /// Standard deviation of the range.
     #[schemars(extend("x-only-for" = "model = range_bearing | range"))]

@@ -2,6 +2,7 @@
 
 use super::gauge::Gauge;
 use super::graph::{Graph, Mode, Solution};
+use super::past::Past;
 use super::place::Place;
 use super::sensing::{Calibration, Request, Sensing};
 use super::PartialSlam;
@@ -42,6 +43,9 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// **Errors:** those of a sensor of one's own.
     pub(super) fn draw_anew(&mut self) -> Result<bool> {
         self.state.counters.drawn_at = self.state.past.steps() as u64;
+        if self.state.unnamed.is_some() {
+            return self.draw_decided();
+        }
         let mut guess = self.guess(self.state.cloud.particles.best());
         if guess.1.poses.len() != self.state.past.steps() {
             return Ok(false);
@@ -51,11 +55,11 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             if solution.landmarks.is_empty() {
                 break;
             }
-            let Some(mode) = self.graph(&number_of).solve(solution)? else { break };
+            let Some(mode) = self.graph(&self.state.past, &number_of).solve(solution)? else { break };
             let Some((covariance, placed)) = self.covariance(&mode) else { break };
             if placed.iter().all(|placed| *placed) {
                 let Some(draws) = self.draws_about(&mode, covariance) else { break };
-                let others = self.others(&number_of, &mode.solution)?;
+                let others = self.others(&self.state.past, &number_of, &mode.solution)?;
                 self.adopt(&mode.solution, draws, (&number_of, others));
                 return Ok(true);
             }
@@ -65,7 +69,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     }
 
     /// The path, the calibration and the landmarks of a particle that may be placed, with the numbers of these by slot.
-    fn guess(&self, particle: usize) -> (Vec<Option<usize>>, Solution) {
+    pub(super) fn guess(&self, particle: usize) -> (Vec<Option<usize>>, Solution) {
         let cloud = &self.state.cloud;
         let here = cloud.particles.pose(particle);
         let (mut number_of, mut landmarks) = (Vec::new(), Vec::new());
@@ -81,9 +85,9 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         (number_of, Solution { poses, landmarks, calibration: cloud.calibrations[particle] })
     }
 
-    fn graph(&self, number_of: &[Option<usize>]) -> Graph<'_, S> {
+    pub(super) fn graph<'a>(&'a self, past: &'a Past, number_of: &[Option<usize>]) -> Graph<'a, S> {
         Graph {
-            past: &self.state.past,
+            past,
             sensor: &self.sensor,
             T_robot_sensor: self.T_robot_sensor,
             start: self.config.initial_pose.T_world_robot(),
@@ -94,7 +98,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     }
 
     /// Covariance of newest pose, landmarks and calibration, and which landmarks are placed as seen from that pose.
-    fn covariance(&self, mode: &Mode) -> Option<(Vec<Vec<f64>>, Vec<bool>)> {
+    pub(super) fn covariance(&self, mode: &Mode) -> Option<(Vec<Vec<f64>>, Vec<bool>)> {
         let Solution { poses, landmarks, .. } = &mode.solution;
         let border = 3 * poses.len();
         let variables: Vec<usize> = (border - 3..border + 2 * landmarks.len() + self.prior.free().len()).collect();
@@ -119,7 +123,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// the newest pose and the calibration; the paths themselves need not be drawn. Where all of it lies together
     /// ([`Gauge`]) no later sighting can tell, so the draws do not differ in that. They come in pairs about the mode, whose
     /// mean is the mode.
-    fn draws_about(&self, mode: &Mode, mut covariance: Vec<Vec<f64>>) -> Option<Draws> {
+    pub(super) fn draws_about(&self, mode: &Mode, mut covariance: Vec<Vec<f64>>) -> Option<Draws> {
         let Solution { poses, landmarks, .. } = &mode.solution;
         let (last, free) = (poses[poses.len() - 1], self.prior.free());
         let marginal = std::array::from_fn(|a| std::array::from_fn(|b| covariance[a][b]));
@@ -138,11 +142,17 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     }
 
     /// The landmarks that are not placed, as the likeliest path has heard them so far.
-    fn others(&self, number_of: &[Option<usize>], solution: &Solution) -> Result<Vec<Option<Place>>> {
+    pub(super) fn others(
+        &self,
+        past: &Past,
+        number_of: &[Option<usize>],
+        solution: &Solution,
+    ) -> Result<Vec<Option<Place>>> {
         let mut places: Vec<Option<Place>> = vec![None; number_of.len()];
-        for kept in &self.state.past.sightings {
+        for kept in &past.sightings {
             let one = kept.heard::<Z>();
-            if number_of[one.slot].is_some() {
+            // What shows a landmark that takes part, or nothing.
+            if number_of.get(one.slot).is_none_or(Option::is_some) {
                 continue;
             }
             let sensor = solution.poses[kept.step as usize].compose(self.T_robot_sensor);
@@ -194,14 +204,14 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
 }
 
 /// Pose, placed landmarks and calibration of a particle.
-type Draw = (Pose, Vec<Gaussian>, Calibration);
+pub(super) type Draw = (Pose, Vec<Gaussian>, Calibration);
 
 /// Draws for all particles.
-struct Draws {
-    draws: Vec<Draw>,
+pub(super) struct Draws {
+    pub draws: Vec<Draw>,
     /// Covariance of the newest pose.
-    marginal: Matrix3,
-    gauge: Gauge,
+    pub marginal: Matrix3,
+    pub gauge: Gauge,
 }
 
 /// Newest pose, placed landmarks and calibration as all draws lie about them.
@@ -255,7 +265,7 @@ fn take_out_own(mode: &Mode, k: usize, covariance: &mut [Vec<f64>]) -> Option<Sy
 }
 
 /// A solution with only these of its landmarks, and their numbers by slot.
-fn only(number_of: &[Option<usize>], solution: Solution, chosen: &[bool]) -> (Vec<Option<usize>>, Solution) {
+pub(super) fn only(number_of: &[Option<usize>], solution: Solution, chosen: &[bool]) -> (Vec<Option<usize>>, Solution) {
     let mut next = 0..;
     let new: Vec<Option<usize>> = chosen.iter().map(|chosen| if *chosen { next.next() } else { None }).collect();
     let landmarks = solution.landmarks.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(at, _)| *at).collect();

@@ -17,32 +17,48 @@ use crate::store::StoreUsage;
 
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// The map: each landmark as the mixture over all particles and components; confirmed are those that most of the
-    /// weight has placed.
+    /// weight has placed. Without names it is that of the best particle, and confirmed is what was seen often enough too.
     pub fn map(&self) -> MapEstimate {
+        let slots = self.state.cloud.maps[self.state.cloud.particles.best()].len();
+        MapEstimate { landmarks: (0..slots).map(|slot| self.landmark(slot)).collect() }
+    }
+
+    fn landmark(&self, slot: usize) -> MapLandmark {
         let cloud = &self.state.cloud;
-        let landmark = |(slot, name): (usize, &super::state::Name)| {
-            let weighed = cloud.weights.values.iter().enumerate();
-            let parts: Vec<(f64, Normal<2>)> =
-                weighed.clone().map(|(i, weight)| (*weight, cloud.maps[i][slot].moments())).collect();
-            let whole = Gaussian::from(Normal::of_mixture(parts.iter().map(|(weight, part)| (*weight, part))));
-            let (own, more) = (whole.covariance, cloud.gauge.of_landmark(whole.mean));
-            let placed = |i: usize| {
-                let here = cloud.particles.pose(i);
-                cloud.maps[i][slot].placed([here.x, here.y]).is_some()
-            };
-            let mass: f64 = weighed.filter(|(i, _)| placed(*i)).map(|(_, weight)| weight).sum();
-            MapLandmark {
-                birth: slot as u64,
-                identity: Some(name.identity),
-                mean: whole.mean,
-                covariance: Symmetric2::new(own.xx + more.xx, own.xy + more.xy, own.yy + more.yy),
-                sightings: name.sightings,
-                confirmed: mass > 0.5,
-                appearance: Appearance::default(),
-                given: None,
-            }
+        let best = cloud.particles.best();
+        let unnamed = self.state.unnamed.as_ref();
+        let birth = unnamed.map_or(slot as u64, |unnamed| unnamed.births[best][slot]);
+        let holds = |i: usize| unnamed.is_none_or(|unnamed| unnamed.births[i].get(slot) == Some(&birth));
+        let held = || (0..cloud.maps.len()).filter(|i| holds(*i)).map(|i| cloud.weights.values[i]).sum();
+        let total: f64 = unnamed.map_or(1.0, |_| held());
+        let weighed = || (0..cloud.maps.len()).filter(|i| holds(*i)).map(|i| (i, cloud.weights.values[i] / total));
+        let parts: Vec<(f64, Normal<2>)> =
+            weighed().map(|(i, weight)| (weight, cloud.maps[i][slot].moments())).collect();
+        let whole = Gaussian::from(Normal::of_mixture(parts.iter().map(|(weight, part)| (*weight, part))));
+        let (own, more) = (whole.covariance, cloud.gauge.of_landmark(whole.mean));
+        let placed = |i: usize| {
+            let here = cloud.particles.pose(i);
+            cloud.maps[i][slot].placed([here.x, here.y]).is_some()
         };
-        MapEstimate { landmarks: cloud.names.iter().enumerate().map(landmark).collect() }
+        let mass: f64 = weighed().filter(|(i, _)| placed(*i)).map(|(_, weight)| weight).sum();
+        let enough = self.config().association.existence.confirmed_sightings;
+        let (identity, sightings, known) = match unnamed {
+            Some(unnamed) => {
+                let sightings = unnamed.sightings_of(best, slot, &cloud.names);
+                (None, sightings, sightings >= enough)
+            }
+            None => (Some(cloud.names[slot].identity), cloud.names[slot].sightings, true),
+        };
+        MapLandmark {
+            birth,
+            identity,
+            mean: whole.mean,
+            covariance: Symmetric2::new(own.xx + more.xx, own.xy + more.xy, own.yy + more.yy),
+            sightings,
+            confirmed: known && mass > 0.5,
+            appearance: Appearance::default(),
+            given: None,
+        }
     }
 
     /// Where a landmark may be, in the best particle: shares with their Gaussians, by identity.
@@ -124,7 +140,10 @@ impl<S: Sensing<Z>, const Z: usize> Slam for PartialSlam<S, Z> {
         self.state.watch.names.two_places()
     }
     fn returns(&self) -> Returns {
-        self.state.watch.returns(0..self.state.cloud.names.len() as u64)
+        match self.state.unnamed {
+            Some(_) => self.state.watch.returns(self.births_that_count().into_iter()),
+            None => self.state.watch.returns(0..self.state.cloud.names.len() as u64),
+        }
     }
     fn save(&self, note: &str) -> Result<Vec<u8>> {
         PartialSlam::save(self, note)

@@ -65,6 +65,8 @@ pub(super) struct Solution {
 pub(super) struct Mode {
     pub solution: Solution,
     pub factor: Factor,
+    /// Minus the logarithm of the posterior there, up to a constant.
+    pub cost: f64,
     /// What the sightings say of each landmark alone, given all else.
     pub information: Vec<Matrix<2, 2>>,
 }
@@ -87,7 +89,7 @@ impl<S: ?Sized> Graph<'_, S> {
     fn seen<const Z: usize>(&self) -> Vec<Seen<Z>> {
         let of = |kept: &super::past::Kept| {
             let heard = kept.heard();
-            Some(Seen { step: kept.step as usize, landmark: self.number_of[heard.slot]?, heard })
+            Some(Seen { step: kept.step as usize, landmark: (*self.number_of.get(heard.slot)?)?, heard })
         };
         self.past.sightings.iter().filter_map(of).collect()
     }
@@ -131,7 +133,7 @@ impl<S: ?Sized> Graph<'_, S> {
         }
         self.linearize(&solution, (&seen, &looks), &mut system);
         let usable = cost.is_finite() && factor.factorize(&system.equations.upper);
-        Ok(usable.then_some(Mode { solution, factor, information: system.information }))
+        Ok(usable.then_some(Mode { solution, factor, cost, information: system.information }))
     }
 
     fn look<const Z: usize>(&self, solution: &Solution, seen: &[Seen<Z>]) -> Result<Vec<Look<Z>>>

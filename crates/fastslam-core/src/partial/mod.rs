@@ -1,5 +1,6 @@
 //! The particle filter for sensors of which one sighting does not place a landmark: range alone, bearing alone, or a
-//! sensor of one's own. Landmarks are known by name.
+//! sensor of one's own. Landmarks are known by name; of bearings every particle decides itself where they have none
+//! ([`choose`]).
 //!
 //! As in FastSLAM a particle is a path with a map of independent landmarks; here a landmark may be a mixture of Gaussians
 //! ([`place`]): a ring or a ray, of which the evidence leaves one. Scale and bias of the sensor are part of a particle.
@@ -11,6 +12,7 @@
 //! **Source:** `blanco2008efficient` for rings of Gaussians within particles.
 
 mod anew;
+mod choose;
 mod estimate;
 mod gauge;
 mod graph;
@@ -19,6 +21,8 @@ mod place;
 mod scan;
 mod sensing;
 mod state;
+mod story;
+mod unnamed;
 
 pub use sensing::{Calibration, Look, Request, Sensing};
 
@@ -36,7 +40,7 @@ use crate::sighting::Sighting;
 use crate::snapshot::{content, open, seal, Head, Holds};
 use crate::workers::Workers;
 use graph::Prior;
-use state::{Cloud, State};
+use state::{Cloud, State, Unnamed};
 
 /// What a sensor that reports ranges alone may be off by where the configuration does not say: 5 % and half a metre.
 const USUAL_STD: [f64; 2] = [0.05, 0.5];
@@ -80,6 +84,11 @@ impl PartialSlam<BearingOnly, 1> {
     ///
     /// **Errors:** as [`PartialSlam::range_only`].
     pub fn bearing_only(config: Config) -> Result<Self> {
+        check_names(&config)?;
+        Self::on_bearings(config)
+    }
+
+    fn on_bearings(config: Config) -> Result<Self> {
         let Sensor::Bearing(BearingSensor { bearing_std_rad, bearing_bias_rad, common }) = config.sensor else {
             return Err(Error::parameter("sensor.model", config.sensor.model().name(), "bearing"));
         };
@@ -92,6 +101,15 @@ impl PartialSlam<BearingOnly, 1> {
         let mean = Calibration { scale: 1.0, bias: bearing_bias_rad };
         Self::with_sensor(config, model, Prior { mean, std: [0.0; 2] })
     }
+
+    /// The same where sightings have no names, or those are not used: every particle decides what they show.
+    ///
+    /// **Errors:** as [`PartialSlam::range_only`].
+    pub fn bearing_only_unnamed(config: Config) -> Result<Self> {
+        let mut filter = Self::on_bearings(config)?;
+        filter.state.unnamed = Some(Unnamed::new(filter.config.filter.particles as usize));
+        Ok(filter)
+    }
 }
 
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
@@ -100,6 +118,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     ///
     /// **Errors:** as [`PartialSlam::range_only`].
     pub fn learning(config: Config, sensor: S) -> Result<Self> {
+        check_names(&config)?;
         let RangeErrors { range_scale, range_bias_m, range_scale_std, range_bias_std_m } = config.sensor.range_errors();
         let std = [range_scale_std, range_bias_std_m];
         let std = std::array::from_fn(|i| std[i].unwrap_or(USUAL_STD[i]));
@@ -111,6 +130,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     ///
     /// **Errors:** as [`PartialSlam::range_only`].
     pub fn new(config: Config, sensor: S) -> Result<Self> {
+        check_names(&config)?;
         Self::with_sensor(config, sensor, Prior { mean: Calibration::NONE, std: [0.0; 2] })
     }
 
@@ -186,7 +206,11 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
 
     /// The state as bytes, from which [`PartialSlam::restore`] goes on to the same bits; `note` is kept in its head.
     pub fn save(&self, note: &str) -> Result<Vec<u8>> {
-        seal(&Head::new(&self.config, Identities::All, note)?, &self.state)
+        let head = Head::new(&self.config, self.identities(), note)?;
+        match &self.state.unnamed {
+            Some(unnamed) => seal(&head, &(&self.state, unnamed)),
+            None => seal(&head, &self.state),
+        }
     }
 
     /// Takes over a state that was saved by a filter of this configuration and sensor.
@@ -195,9 +219,22 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// configuration; the filter is then as it was.
     pub fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
         let (head, stored) = open(snapshot, Holds::Filter)?;
-        head.check(&self.config, Identities::All)?;
-        self.state = content(&stored)?;
+        head.check(&self.config, self.identities())?;
+        if self.state.unnamed.is_none() {
+            self.state = content(&stored)?;
+        } else {
+            let (state, unnamed): (State, Unnamed) = content(&stored)?;
+            self.state = State { unnamed: Some(unnamed), ..state };
+        }
         Ok(())
+    }
+
+    /// Which sightings it takes to have a name.
+    fn identities(&self) -> Identities {
+        match self.state.unnamed {
+            Some(_) => Identities::None,
+            None => Identities::All,
+        }
     }
 }
 
@@ -207,11 +244,17 @@ fn check(config: &Config) -> Result<()> {
     if config.algorithm == Algorithm::Ekf {
         return Err(Error::parameter("algorithm", "ekf", format!("fastslam1 or fastslam2 {only}")));
     }
-    if config.association.mode == AssociationMode::Unknown {
-        return Err(Error::parameter("association.mode", "unknown", format!("known identities {only}")));
-    }
     if config.filter.adaptive.number != ParticleNumber::Fixed {
         return Err(Error::parameter("filter.adaptive.number", "kld", format!("fixed {only}")));
     }
     Ok(())
+}
+
+/// An error where names are not to be used.
+fn check_names(config: &Config) -> Result<()> {
+    if config.association.mode == AssociationMode::Known {
+        return Ok(());
+    }
+    let expected = "known identities with sensors that do not place a landmark, but for bearings alone";
+    Err(Error::parameter("association.mode", "unknown", expected))
 }

@@ -13,6 +13,19 @@ pub(super) struct Noise<const Z: usize> {
     pub tail: Tail,
 }
 
+/// A sighting without a name.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reading<const Z: usize> {
+    pub measured: [f64; Z],
+    pub noise: Noise<Z>,
+}
+
+impl<const Z: usize> From<&Heard<Z>> for Reading<Z> {
+    fn from(heard: &Heard<Z>) -> Self {
+        Self { measured: heard.measured, noise: heard.noise }
+    }
+}
+
 /// A sighting of a landmark that has a slot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Heard<const Z: usize> {
@@ -43,6 +56,16 @@ impl Kept {
             noise: Symmetric2::new(covariance[0][0], cross, covariance[last][last]),
             tail: heard.noise.tail,
         }
+    }
+
+    /// The slot of its landmark.
+    pub fn slot(&self) -> usize {
+        self.slot as usize
+    }
+
+    /// Gives it another landmark.
+    pub fn set_slot(&mut self, slot: u32) {
+        self.slot = slot;
     }
 
     /// As it was heard.
@@ -79,6 +102,17 @@ impl Past {
     /// Ends a step.
     pub fn step_done(&mut self, motion: MotionGaussian) {
         self.motions.push(motion);
+    }
+
+    /// Gives the last sightings the landmarks that they were taken for.
+    pub fn settle(&mut self, claims: &[u32]) {
+        let first = self.sightings.len() - claims.len();
+        self.sightings[first..].iter_mut().zip(claims).for_each(|(kept, slot)| kept.slot = *slot);
+    }
+
+    /// Gives all sightings other landmarks.
+    pub fn rename(&mut self, slot_of: impl Fn(u32) -> u32) {
+        self.sightings.iter_mut().for_each(|kept| kept.slot = slot_of(kept.slot));
     }
 
     /// Forgets all but so many motions and sightings.

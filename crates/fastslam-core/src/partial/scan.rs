@@ -1,12 +1,13 @@
 //! One scan: propose, weigh, resample, sample, correct.
 
-use super::past::{numbers, Heard, Noise};
+use super::past::{numbers, Heard, Noise, Reading};
 use super::place::{spread_of, Place};
-use super::sensing::{Request, Sensing};
+use super::sensing::{Look, Request, Sensing};
 use super::state::Name;
 use super::PartialSlam;
 use crate::belief::{by_robot_pose, Belief};
 use crate::config::Algorithm;
+use crate::density::Fit;
 use crate::diagnosis::health::Vitals;
 use crate::diagnosis::innovations::PredictedScan;
 use crate::error::Result;
@@ -24,26 +25,38 @@ use crate::sighting::{deal, Sighting, Skipped};
 /// Innovations are examined where so much of the weight has the landmark placed.
 const PLACED_BY_MOST: f64 = 0.5;
 
-/// A sighting that can be used.
+/// A sighting that can be used, with the name of its landmark.
 #[derive(Clone, Copy, Debug)]
 struct Named<const Z: usize> {
     identity: u32,
-    measured: [f64; Z],
-    noise: Noise<Z>,
+    reading: Reading<Z>,
+}
+
+/// A sighting as a belief predicted it.
+pub(super) struct Predicted<const Z: usize> {
+    pub innovation: [f64; Z],
+    /// Covariance of the innovation.
+    pub spread: Matrix<Z, Z>,
+    pub fit: Fit,
 }
 
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     pub(super) fn take_in(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
         let mut info = StepInfo { step: self.state.counters.steps, ..StepInfo::default() };
-        let rounds = self.rounds(sightings, &mut info.left_out.skipped);
-        info.sightings = rounds.iter().map(|round| round.len() as u32).sum();
-        let births_before = self.state.cloud.names.len() as u64;
+        let usable = self.usable_of(sightings, &mut info.left_out.skipped);
+        info.sightings = usable.len() as u32;
+        let births_before = self.births();
         self.state.watch.begin(stamp_s, info.sightings);
         info.sampling.sampled = info.sightings > 0 || !self.state.cloud.pending.can_be_linearised_on();
         if info.sampling.sampled {
             let (motion, mut ancestors) = (self.state.cloud.pending, None);
-            for round in &rounds {
-                self.process(round, &mut ancestors, &mut info)?;
+            if self.state.unnamed.is_some() {
+                let scan: Vec<Reading<Z>> = usable.iter().map(|(_, reading)| *reading).collect();
+                self.process_unnamed(&scan, &mut ancestors, &mut info)?;
+            } else {
+                for round in &rounds(&usable) {
+                    self.process(round, &mut ancestors, &mut info)?;
+                }
             }
             self.check_numbers()?;
             // Only now: what was done to the paths cannot be undone.
@@ -60,22 +73,24 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             let beliefs = self.beliefs();
             self.estimate_beliefs(&beliefs);
         }
-        info.landmarks = self.state.cloud.names.len() as u32;
+        info.landmarks = self.state.cloud.maps[self.state.cloud.particles.best()].len() as u32;
         self.judge_health(stamp_s, births_before, &mut info);
         self.state.counters.steps += 1;
         Ok(info)
     }
 
-    /// The usable sightings, in rounds that hear each landmark once at most; one round at least.
-    fn rounds(&self, sightings: &[Sighting], skipped: &mut Skipped) -> Vec<Vec<Named<Z>>> {
-        let mut rounds = Vec::new();
-        let usable = sightings.iter().filter_map(|sighting| self.usable(sighting, skipped));
-        deal(&mut rounds, usable, |named| Some(named.identity));
-        rounds
+    /// The sightings that can be used, with their names where they have one.
+    fn usable_of(&self, sightings: &[Sighting], skipped: &mut Skipped) -> Vec<(Option<u32>, Reading<Z>)> {
+        sightings.iter().filter_map(|one| Some((one.identity, self.usable(one, skipped)?))).collect()
+    }
+
+    /// Landmarks ever created.
+    fn births(&self) -> u64 {
+        self.state.unnamed.as_ref().map_or(self.state.cloud.names.len() as u64, |unnamed| unnamed.next_birth)
     }
 
     /// A sighting that can be used; others are counted by reason.
-    fn usable(&self, sighting: &Sighting, skipped: &mut Skipped) -> Option<Named<Z>> {
+    fn usable(&self, sighting: &Sighting, skipped: &mut Skipped) -> Option<Reading<Z>> {
         let (limits, tail) = (self.config.sensor.common(), self.config.sensor.tail());
         let columns = self.sensor.columns();
         let measured = columns.map(|column| sighting.value[column]);
@@ -90,13 +105,13 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             skipped.too_near += 1;
         } else if distance_m.is_some_and(|distance_m| distance_m > limits.max_range_m) {
             skipped.too_far += 1;
-        } else if sighting.identity.is_none() {
+        } else if sighting.identity.is_none() && self.state.unnamed.is_none() {
             skipped.without_identity += 1;
         } else if noise.is_some_and(|c| !sized(&c)) {
             skipped.bad_covariance += 1;
         } else {
             let noise = Noise { covariance: noise.unwrap_or(self.sensor.noise()), tail };
-            return Some(Named { identity: sighting.identity?, measured, noise });
+            return Some(Reading { measured, noise });
         }
         None
     }
@@ -162,7 +177,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             if slot as usize == names.len() {
                 names.push(Name { identity: named.identity, sightings: 0 });
             }
-            Heard { slot: slot as usize, measured: named.measured, noise: named.noise }
+            Heard { slot: slot as usize, measured: named.reading.measured, noise: named.reading.noise }
         };
         round.iter().map(slot).collect()
     }
@@ -187,14 +202,14 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     }
 
     /// Normalises the weights and gives the estimate of the beliefs.
-    fn estimate_weighed(&mut self, beliefs: &[Belief], info: &mut StepInfo) -> Result<()> {
+    pub(super) fn estimate_weighed(&mut self, beliefs: &[Belief], info: &mut StepInfo) -> Result<()> {
         info.weighing.log_likelihood += self.weights_now()?;
         info.weighing.effective_sample_size = self.state.cloud.weights.effective_sample_size;
         self.estimate_beliefs(beliefs);
         Ok(())
     }
 
-    fn weights_now(&mut self) -> Result<f64> {
+    pub(super) fn weights_now(&mut self) -> Result<f64> {
         let cloud = &mut self.state.cloud;
         cloud.weights.renormalize(&cloud.particles.log_weight, self.state.counters.steps)
     }
@@ -215,25 +230,13 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let looks = self.sensor.look(&holders.iter().map(request).collect::<Vec<_>>())?;
         let mut predicted = Vec::with_capacity(holders.len());
         for ((i, gaussian), look) in holders.iter().zip(&looks) {
-            let belief = &mut beliefs[*i];
-            let by_pose = by_robot_pose(look.by_pose, belief.mean, belief.mean.compose(self.T_robot_sensor));
-            let q = spread_of(look, gaussian, &one.noise.covariance);
-            let s = sum(&crate::normal::congruence(&by_pose, &belief.covariance), &q);
-            let Some(fitted) = fit(&look.innovation, &s, one.noise.tail).filter(|fit| fit.log_likelihood.is_finite())
-            else {
+            let Some((belief, seen)) = refined(&beliefs[*i], look, (gaussian, &one.noise), self.T_robot_sensor) else {
                 self.state.cloud.weigh(*i, f64::NEG_INFINITY);
                 continue;
             };
-            let more = one.noise.tail.noise_scale_of(Z, fitted.mahalanobis_squared) - 1.0;
-            let q = sum(&q, &scaled(&one.noise.covariance, more));
-            if let Some(change) = Normal::given(&belief.covariance, &by_pose, &look.innovation, &q) {
-                let [x, y, heading] = change.mean;
-                let mean = belief.mean;
-                let heading = math::wrap_angle(mean.heading + heading);
-                *belief = Belief { mean: Pose::new(mean.x + x, mean.y + y, heading), covariance: change.covariance };
-            }
-            predicted.push((self.state.cloud.weights.values[*i], look.innovation, s, gaussian.mean));
-            self.state.cloud.weigh(*i, self.config.filter.likelihood_exponent * fitted.log_likelihood);
+            beliefs[*i] = belief;
+            predicted.push((self.state.cloud.weights.values[*i], seen.innovation, seen.spread, gaussian.mean));
+            self.state.cloud.weigh(*i, self.config.filter.likelihood_exponent * seen.fit.log_likelihood);
         }
         self.examine(one, &predicted);
         Ok(())
@@ -266,7 +269,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     }
 
     /// Resamples if the effective sample size says so, and tells who became whom.
-    fn resampled(&mut self, info: &mut StepInfo) -> Option<Vec<u32>> {
+    pub(super) fn resampled(&mut self, info: &mut StepInfo) -> Option<Vec<u32>> {
         let settings = &self.config.filter.resampling;
         let count = self.state.cloud.particles.len();
         if info.sightings == 0 || !self.state.cloud.weights.are_uneven(settings.threshold) {
@@ -276,6 +279,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         let mut drawn = Vec::new();
         resample(settings.scheme, &self.state.cloud.weights.values, count, stream, &mut drawn);
         self.state.cloud.resample(&drawn);
+        self.state.unnamed.iter_mut().for_each(|unnamed| unnamed.resample(&drawn));
         info.weighing.resampled = true;
         Some(drawn)
     }
@@ -332,13 +336,14 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         cloud.take_estimate(mixture(&cloud.weights.values, |i| (beliefs[i].mean, beliefs[i].covariance)));
     }
 
-    fn estimate_particles(&mut self) {
+    pub(super) fn estimate_particles(&mut self) {
         let cloud = &mut self.state.cloud;
         cloud.take_estimate(mixture(&cloud.weights.values, |i| (cloud.particles.pose(i), [[0.0; 3]; 3])));
     }
 
     /// Gives the verdict on a step.
     fn judge_health(&mut self, stamp_s: f64, births_before: u64, info: &mut StepInfo) {
+        let map_in_view = self.look_at_map();
         let cloud = &self.state.cloud;
         let particles = cloud.particles.len();
         let vitals = Vitals {
@@ -348,8 +353,8 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             T_world_robot: cloud.estimate.mean,
             pose_covariance: cloud.estimate.covariance,
             births_before,
-            names_known: true,
-            map_in_view: None,
+            names_known: self.state.unnamed.is_none(),
+            map_in_view,
         };
         let watch = &mut self.state.watch;
         (info.sampling.particles, info.matched) = (particles as u32, watch.matches() as u32);
@@ -360,4 +365,36 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
         // The watch was told where the landmarks are, not what was measured.
         info.health = watch.judge(&vitals, |_, place| place);
     }
+}
+
+/// The usable sightings, in rounds that hear each landmark once at most; one round at least.
+fn rounds<const Z: usize>(usable: &[(Option<u32>, Reading<Z>)]) -> Vec<Vec<Named<Z>>> {
+    let mut rounds = Vec::new();
+    let named = usable.iter().filter_map(|(name, reading)| name.map(|identity| Named { identity, reading: *reading }));
+    deal(&mut rounds, named, |named| Some(named.identity));
+    rounds
+}
+
+/// A belief about a pose refined by a landmark that was looked at from its mean, and how it was predicted; `None` where that cannot
+/// be computed.
+pub(super) fn refined<const Z: usize>(
+    belief: &Belief,
+    look: &Look<Z>,
+    (landmark, noise): (&Gaussian, &Noise<Z>),
+    T_robot_sensor: Pose,
+) -> Option<(Belief, Predicted<Z>)> {
+    let by_pose = by_robot_pose(look.by_pose, belief.mean, belief.mean.compose(T_robot_sensor));
+    let q = spread_of(look, landmark, &noise.covariance);
+    let spread = sum(&crate::normal::congruence(&by_pose, &belief.covariance), &q);
+    let fit = fit(&look.innovation, &spread, noise.tail).filter(|fit| fit.log_likelihood.is_finite())?;
+    let more = noise.tail.noise_scale_of(Z, fit.mahalanobis_squared) - 1.0;
+    let q = sum(&q, &scaled(&noise.covariance, more));
+    let mut refined = *belief;
+    if let Some(change) = Normal::given(&belief.covariance, &by_pose, &look.innovation, &q) {
+        let [x, y, heading] = change.mean;
+        let mean = belief.mean;
+        let heading = math::wrap_angle(mean.heading + heading);
+        refined = Belief { mean: Pose::new(mean.x + x, mean.y + y, heading), covariance: change.covariance };
+    }
+    Some((refined, Predicted { innovation: look.innovation, spread, fit }))
 }

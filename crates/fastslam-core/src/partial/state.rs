@@ -22,6 +22,40 @@ pub(super) struct Name {
     pub sightings: u32,
 }
 
+/// The slot of what no landmark was seen in.
+pub(super) const NOTHING: u32 = u32::MAX;
+
+/// What takes the place of names where sightings have none: every particle decides what they show, until a draw makes what the
+/// likeliest one decided that of all.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Unnamed {
+    /// By particle, then by slot: running numbers of creation.
+    pub births: Vec<Vec<u64>>,
+    /// By particle: the slots that it took the sightings since the last draw for.
+    pub claims: Vec<Vec<u32>>,
+    /// Number of the next landmark.
+    pub next_birth: u64,
+}
+
+impl Unnamed {
+    /// So many particles with empty maps.
+    pub fn new(particles: usize) -> Self {
+        Self { births: vec![Vec::new(); particles], claims: vec![Vec::new(); particles], next_birth: 0 }
+    }
+
+    /// Particle i becomes a copy of the former particle `ancestors[i]`.
+    pub fn resample(&mut self, ancestors: &[u32]) {
+        self.births = ancestors.iter().map(|a| self.births[*a as usize].clone()).collect();
+        self.claims = ancestors.iter().map(|a| self.claims[*a as usize].clone()).collect();
+    }
+
+    /// Sightings of a landmark of a particle; `names` counts those before the last draw.
+    pub fn sightings_of(&self, particle: usize, slot: usize, names: &[Name]) -> u32 {
+        let lately = self.claims[particle].iter().filter(|claim| **claim == slot as u32).count() as u32;
+        names.get(slot).map_or(0, |name| name.sightings) + lately
+    }
+}
+
 /// What belongs to particles and changes in every step.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Cloud {
@@ -56,6 +90,9 @@ pub(super) struct State {
     pub slot_of: FxHashMap<u32, u32>,
     pub path: PathForest,
     pub past: Past,
+    /// Where sightings have no names; a snapshot has it behind the rest.
+    #[serde(skip)]
+    pub unnamed: Option<Unnamed>,
     pub counters: Counters,
     /// Whether all this can be believed.
     pub watch: Watch,
@@ -70,6 +107,7 @@ pub(super) struct Before {
     path: Option<PathForest>,
     /// Motions and sightings of the past.
     lengths: (usize, usize),
+    unnamed: Option<Unnamed>,
     counters: Counters,
     watch: Watch,
     noise_report: NoiseReport,
@@ -83,6 +121,7 @@ impl State {
             slot_of: self.slot_of.clone(),
             path: draws.then(|| self.path.clone()),
             lengths: (self.past.motions.len(), self.past.sightings.len()),
+            unnamed: self.unnamed.clone(),
             counters: self.counters,
             watch: self.watch.clone(),
             noise_report: self.noise_report,
@@ -91,8 +130,9 @@ impl State {
 
     /// Undoes a step that failed.
     pub fn go_back(&mut self, before: Before) {
-        let Before { cloud, slot_of, path, lengths, counters, watch, noise_report } = before;
+        let Before { cloud, slot_of, path, lengths, unnamed, counters, watch, noise_report } = before;
         self.past.cut(lengths);
+        self.unnamed = unnamed;
         self.path = path.unwrap_or_else(|| std::mem::take(&mut self.path));
         (self.cloud, self.slot_of, self.counters) = (cloud, slot_of, counters);
         (self.watch, self.noise_report) = (watch, noise_report);
@@ -115,6 +155,7 @@ impl State {
             slot_of: FxHashMap::default(),
             path: PathForest::new(count),
             past: Past::default(),
+            unnamed: None,
             counters: Counters::default(),
             watch: Watch::new(config.health, View::of(config)),
             noise_report: NoiseReport::default(),
