@@ -119,11 +119,28 @@ impl View {
         }
     }
 
-    /// Whether a point is in view from a pose of the robot.
-    pub fn contains(&self, T_world_robot: Pose, [x, y]: [f64; 2]) -> bool {
-        let [u, v] = T_world_robot.compose(self.T_robot_sensor).inverse().transform([x, y]);
+    /// What it sees from a pose of the robot.
+    pub fn from(&self, T_world_robot: Pose) -> Outlook<'_> {
+        let T_sensor_world = T_world_robot.compose(self.T_robot_sensor).inverse();
+        Outlook { view: self, T_sensor_world, sin_cos: T_sensor_world.heading.sin_cos() }
+    }
+}
+
+/// Where a sensor surely sees from where it is.
+pub(crate) struct Outlook<'a> {
+    view: &'a View,
+    T_sensor_world: Pose,
+    /// Of the heading of that transform.
+    sin_cos: (f64, f64),
+}
+
+impl Outlook<'_> {
+    /// Whether a point of the world is in view.
+    pub fn contains(&self, [x, y]: [f64; 2]) -> bool {
+        let (Self { view, T_sensor_world, .. }, (s, c)) = (self, self.sin_cos);
+        let (u, v) = (T_sensor_world.x + c * x - s * y, T_sensor_world.y + s * x + c * y);
         let range_m = u.hypot(v);
-        range_m > self.near_m && range_m < self.far_m && crate::math::atan2(v, u).abs() < self.half_angle_rad
+        range_m > view.near_m && range_m < view.far_m && crate::math::atan2(v, u).abs() < view.half_angle_rad
     }
 }
 
@@ -296,10 +313,17 @@ impl Watch {
         }
     }
 
+    /// How many of the places seen lately are in view from a pose of the robot.
+    fn expected_from(&self, T_world_robot: Pose) -> usize {
+        let outlook = self.view.from(T_world_robot);
+        self.places.iter().filter(|at| outlook.contains(**at)).count()
+    }
+
     /// The verdict after a step. `place` gives the position in the world of something sighted from a pose.
     pub fn judge(&mut self, vitals: &Vitals, place: impl Fn(Pose, [f64; 2]) -> [f64; 2]) -> Health {
         let settings = self.settings;
-        let expected = self.places.iter().filter(|at| self.view.contains(vitals.T_world_robot, **at)).count();
+        // Names answer what else the places of landmarks seen lately are asked for.
+        let expected = if vitals.names_known { 0 } else { self.expected_from(vitals.T_world_robot) };
         let share = newest(settings.window_scans);
         if self.sightings > 0 {
             if !vitals.names_known {

@@ -19,9 +19,9 @@ impl<M: Placing> EkfSlam<M> {
         if !self.state.watch.looks_from(pose) {
             return None;
         }
-        let mut in_view = MapInView::default();
+        let (outlook, mut in_view) = (view.from(pose), MapInView::default());
         for index in self.counted() {
-            if view.contains(pose, self.landmark_mean(index)) {
+            if outlook.contains(self.landmark_mean(index)) {
                 let birth = u64::from(index);
                 let sighted = self.state.watch.has_matched(birth);
                 self.state.watch.looked(&mut in_view, InView { birth, sighted });

@@ -106,12 +106,12 @@ fn look_at_map<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, best: us
     in_reach.clear();
     landmarks.find(&region, in_reach);
     row.resize(landmarks.columns(), 0.0);
-    let mut in_view = MapInView::default();
+    let (outlook, mut in_view) = (view.from(pose), MapInView::default());
     for &slot in &*in_reach {
         if !landmarks.read_row(slot, best, row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
             continue;
         }
-        if view.contains(pose, Planar::mean_of(row)) {
+        if outlook.contains(Planar::mean_of(row)) {
             let sighted = known.iter().any(|(_, candidate)| associating.table.slots[*candidate as usize] == slot);
             diagnosis.watch.looked(&mut in_view, InView { birth: landmarks.birth(slot), sighted });
         }

@@ -260,8 +260,9 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
                 continue;
             }
             last = Some(pose);
+            let outlook = view.from(pose);
             for (k, slot) in slots.iter().enumerate() {
-                if view.contains(pose, solution.landmarks[k]) {
+                if outlook.contains(solution.landmarks[k]) {
                     looks[k][usize::from(steps[*slot].binary_search(step).is_ok())] += 1.0;
                 }
             }

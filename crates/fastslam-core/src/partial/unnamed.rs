@@ -103,10 +103,11 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             return None;
         }
         let (view, mut in_view) = (watch.view(), MapInView::default());
+        let outlook = view.from(pose);
         for (slot, place) in self.state.cloud.maps[best].iter().enumerate() {
             let Place::One(gaussian) = place else { continue };
             let counted = unnamed.sightings_of(best, slot, &self.state.cloud.names) >= SIGHTINGS_TO_COUNT;
-            if counted && view.contains(pose, gaussian.mean) {
+            if counted && outlook.contains(gaussian.mean) {
                 let birth = unnamed.births[best][slot];
                 watch.looked(&mut in_view, InView { birth, sighted: watch.has_matched(birth) });
             }
