@@ -187,9 +187,8 @@ the sensor hardly ever sees.
   far smaller density of new landmarks: a particle gains less by explaining clutter.
 
 The density of clutter can be told (`association.clutter_density`) and need not be. A probability of detection
-(`association.detection_probability`) should not be told for sensors that miss far or hidden things more often
-than near ones: it is one number for the whole view, and speaks in the weights against maps that hold such
-things. `association.existence.removal: never` keeps everything.
+(`association.detection_probability`) is the most that the learned one may be, and does no harm where far or
+hidden things are missed more often. `association.existence.removal: never` keeps everything.
 """
 
 

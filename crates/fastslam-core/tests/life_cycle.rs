@@ -1,7 +1,9 @@
 //! The life of landmarks: provisional and confirmed, by Bayes' rule, merged; and bad detections that must not matter.
 
 use fastslam_core::association::Appearance;
-use fastslam_core::config::{Classes, Config, ExistenceForm, MergingRule, Method, Removal, Signatures};
+use fastslam_core::config::{
+    Classes, Config, ExistenceConfig, ExistenceForm, MergingRule, Method, Removal, Signatures,
+};
 use fastslam_core::filter::{FastSlam, Identities, MapLandmark, Sighting};
 use fastslam_core::motion::{Increments, Motion};
 use fastslam_core::random::{Purpose, RandomSource};
@@ -117,6 +119,22 @@ fn a_particle_whose_map_holds_what_is_not_there_loses_weight() {
     // of scan 4 itself comes later.
     let expected = 2.0 * (odds(r0) + miss(r0)) + odds(1.0) + 2.0 * miss(1.0) + odds(1.0);
     assert!((difference - expected).abs() < 0.01, "{difference} against {expected}");
+}
+
+#[test]
+fn a_told_probability_of_detection_weighs_nothing_where_it_is_learned_from_where() {
+    let mut config = bayes();
+    config.association.existence = ExistenceConfig::default();
+    let run = |detection_probability| {
+        let mut config = config.clone();
+        config.association.detection_probability = detection_probability;
+        let mut filter = filter(config);
+        // What is far off is never seen again, as behind a hedge.
+        filter.update(0.0, &[seen(5.0, 0.3), seen(7.0, -2.0)]).unwrap();
+        let steps = (1..40).map(|t| filter.update(f64::from(t), &[seen(5.0, 0.3)]).unwrap().weighing.log_likelihood);
+        steps.map(f64::to_bits).collect::<Vec<u64>>()
+    };
+    assert_eq!(run(None), run(Some(0.9)));
 }
 
 /// Twelve landmarks in a ring of 4 m around the robot, which turns on the spot; every third scan holds sightings of

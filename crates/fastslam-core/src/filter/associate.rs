@@ -141,7 +141,7 @@ fn decide_all<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
 fn decides_by_place_alone(settings: &Settings, landmarks: &Landmarks) -> bool {
     settings.rules.method == Method::MaximumLikelihood
         && landmarks.appearances.is_none()
-        && settings.config.association.detection_probability.is_none()
+        && settings.config.association.detection_of_all_in_view().is_none()
 }
 
 /// Decisions of blocks of particles, in passes of vector code.
@@ -180,7 +180,7 @@ fn gather_evidence(
     table: &CandidateTable,
     fits: &mut FitTable,
 ) {
-    if landmarks.appearances.is_none() && settings.config.association.detection_probability.is_none() {
+    if landmarks.appearances.is_none() && settings.config.association.detection_of_all_in_view().is_none() {
         return;
     }
     fits.add_evidence(table, |j, candidate, evidence| {

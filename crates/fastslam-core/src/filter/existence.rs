@@ -20,7 +20,7 @@ pub(super) fn is_judged(settings: &Settings, landmarks: &Landmarks) -> bool {
     let association = &settings.config.association;
     let counts = association.existence.removal == Removal::WhenMissed
         || association.existence.form == ExistenceForm::Bayes
-        || association.detection_probability.is_some();
+        || association.detection_of_all_in_view().is_some();
     landmarks.existence.is_some() && counts
 }
 
@@ -38,7 +38,7 @@ pub(super) fn initial_log_odds(settings: &Settings) -> f64 {
 ///
 /// **Why:** every landmark in view costs ln(1 − r P_D), sighted or not ([`judge`]); a sighting takes that back.
 pub(super) fn add_detection_odds(settings: &Settings, landmarks: &mut Landmarks, slot: u32, evidence: &mut [f64]) {
-    let Some(detection) = settings.config.association.detection_probability else { return };
+    let Some(detection) = settings.config.association.detection_of_all_in_view() else { return };
     let Some(existence) = &mut landmarks.existence else { return };
     let log_odds = existence.read(slot).column(1);
     for (value, log_odds) in evidence.iter_mut().zip(log_odds) {
@@ -225,7 +225,7 @@ impl<'a> Odds<'a> {
     /// What it costs a map to have a landmark in view that exists with these odds: ln(1 − r P_D); none where P_D is not
     /// known.
     fn log_weight_of_missing(&self, log_odds: f64) -> Option<f64> {
-        let detection = self.association.detection_probability?;
+        let detection = self.association.detection_of_all_in_view()?;
         Some(self.likelihood_exponent * math::ln(1.0 - math::logistic(log_odds) * detection))
     }
 
@@ -245,7 +245,7 @@ impl<'a> Odds<'a> {
     /// What a scan says against the maps that have a landmark in view, where nothing changes the landmark itself.
     fn weigh_missed(&self, maps: &mut Maps<'_>, slot: u32, verdicts: &[Verdict]) {
         let Some(existence) = &mut maps.landmarks.existence else { return };
-        if self.association.detection_probability.is_none() {
+        if self.association.detection_of_all_in_view().is_none() {
             return;
         }
         let log_odds = existence.read(slot).column(1);

@@ -52,6 +52,8 @@ pub(super) struct Look {
     pub gate_area: f64,
     /// Whether it was sighted often enough to be confirmed.
     pub is_often_sighted: bool,
+    /// What the probability that a landmark in view is sighted was told to be at best.
+    pub told_detection: Option<f64>,
 }
 
 impl Fading {
@@ -145,7 +147,8 @@ impl Fading {
     /// By how much a look changes the log-odds that a landmark exists, ln P_D / P_c or ln (1 − P_D) / (1 − P_c): P_D the
     /// probability that the sensor shows it, P_c that chance does.
     fn news(&self, look: &Look) -> f64 {
-        let Some(shown) = self.detectability.probability(look.place) else { return 0.0 };
+        let Some(learned) = self.detectability.probability(look.place) else { return 0.0 };
+        let shown = learned.min(look.told_detection.unwrap_or(1.0));
         let chance = (1.0 - math::exp(-look.gate_area * self.clutter_density())).max(CHANCE_MIN);
         if look.sighted {
             math::ln(shown / chance).max(0.0)
@@ -166,7 +169,7 @@ mod tests {
 
     fn look(fading: &Fading, sighted: bool, is_often_sighted: bool) -> Look {
         let place = fading.place([3.0, 0.1]).unwrap();
-        Look { slot: 0, place, sighted, gate_area: 1e-3, is_often_sighted }
+        Look { slot: 0, place, sighted, gate_area: 1e-3, is_often_sighted, told_detection: None }
     }
 
     /// A landmark that was sighted so often in a hundred looks.
@@ -192,6 +195,17 @@ mod tests {
         assert!(good.is_some_and(|misses| misses <= 4), "{good:?}");
         assert!(bad.is_some_and(|misses| (8..20).contains(&misses)), "{bad:?}");
         assert_eq!(blind, None);
+    }
+
+    #[test]
+    fn what_is_told_of_the_sensor_is_the_most_that_is_believed_to_be_shown() {
+        let news = |told_detection| {
+            let mut fading = fading();
+            learn(&mut fading, 0, 80);
+            fading.news(&Look { told_detection, ..look(&fading, false, false) })
+        };
+        assert_eq!(news(Some(0.95)), news(None));
+        assert!(news(Some(0.3)) > 0.5 * news(None), "{:?} {:?}", news(Some(0.3)), news(None));
     }
 
     #[test]

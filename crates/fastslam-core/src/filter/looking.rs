@@ -97,8 +97,10 @@ fn look_for<M: Placing>(
     let by_landmark = model.linearize(sensor, mean).by_landmark;
     let innovation = innovation_covariance(by_landmark, covariance, model.noise_covariance());
     let gate_area = ellipse_area(setup.settings.rules.gate, innovation.determinant());
-    let enough = f64::from(setup.settings.config.association.existence.confirmed_sightings);
-    Some(Look { slot, place, sighted, gate_area, is_often_sighted: row[column::SIGHTINGS] >= enough })
+    let association = &setup.settings.config.association;
+    let is_often_sighted = row[column::SIGHTINGS] >= f64::from(association.existence.confirmed_sightings);
+    let told_detection = association.detection_probability;
+    Some(Look { slot, place, sighted, gate_area, is_often_sighted, told_detection })
 }
 
 /// Where the sensor is in one particle.

@@ -84,8 +84,10 @@ pub struct AssociationConfig {
     /// view. With it, a sighting that no landmark explains founds a landmark whose odds of existing are
     /// `new_landmark_density` over this.
     pub clutter_density: Option<f64>,
-    /// Probability that a landmark in view is sighted. With it, a particle whose map holds landmarks in view that were
-    /// not sighted loses weight.
+    /// Probability that a landmark in view is sighted, at best. How probable it is from where is learned from the run all
+    /// the same, and never taken to be more. With `existence.form` `bayes`, or another `existence.removal` than
+    /// `unconfirmed`, it is that of everything in view: a particle whose map holds landmarks in view that were not sighted
+    /// loses weight.
     pub detection_probability: Option<f64>,
     /// Classes that the detector reports. Without it they are not used.
     pub classes: Option<Classes>,
@@ -202,9 +204,17 @@ impl AssociationConfig {
         Ok(())
     }
 
+    /// The probability that whatever is in view is sighted, where that is told of all of it; else it is learned from where
+    /// the sensor shows how much.
+    pub(crate) fn detection_of_all_in_view(&self) -> Option<f64> {
+        let is_learned =
+            self.existence.removal == Removal::Unconfirmed && self.existence.form == ExistenceForm::Counted;
+        self.detection_probability.filter(|_| !is_learned)
+    }
+
     /// ln of the most by which anything but the place can raise the likelihood of a landmark.
     pub(crate) fn log_most_evidence(&self) -> f64 {
-        let odds = self.detection_probability.map_or(0.0, |p| math::ln(p / (1.0 - p)).max(0.0));
+        let odds = self.detection_of_all_in_view().map_or(0.0, |p| math::ln(p / (1.0 - p)).max(0.0));
         let classes = self.classes.as_ref().map_or(0.0, |c| math::ln(f64::from(c.number)));
         let signatures = self.signatures.as_ref().map_or(0.0, |s| s.log_peak().max(0.0));
         odds + classes + signatures
