@@ -4,13 +4,22 @@
 # are compiled as a registry would serve them. Checks the metadata, that nothing
 # newer than GLIBC 2.17 is asked for, and that each wheel runs `fastslam demo` in a fresh environment without Rust on every
 # Python from 3.10 on that is here; the wheel for ARM under qemu-user with Debian's Python, where both can be had.
-# `--check` in front of the folder checks what is there and builds nothing. Uploads nothing. Needs what `make` needs, rustup,
-# readelf, unzip, and a package index for maturin, zig and twine.
+# It installs nothing outside `target/`, and says at the end what it could not check for want of a tool. In front of the folder:
+#   --check  checks what is there and builds nothing
+#   --all    fails where anything could not be checked
+# Uploads nothing. Needs what `make` needs, rustup, readelf, unzip, and a package index for maturin, zig and twine.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-only_check=false
-[ "${1:-}" = --check ] && { only_check=true; shift; }
+only_check=false need_all=false unchecked=()
+while [[ "${1:-}" = --* ]]; do
+    case $1 in
+    --check) only_check=true ;;
+    --all) need_all=true ;;
+    *) echo "error: unknown option $1; known: --check, --all" >&2; exit 2 ;;
+    esac
+    shift
+done
 out=$(realpath -m "${1:-dist}")
 work=$PWD/target/release-check
 tools=$work/tools/bin
@@ -19,6 +28,7 @@ targets=(x86_64-unknown-linux-gnu aarch64-unknown-linux-gnu)
 
 stage() { printf '\n=== %s (%d s)\n' "$1" "$SECONDS"; }
 fail() { printf 'error: %s\n' "$1" >&2; exit 1; }
+skip() { printf 'not checked: %s\n' "$1"; unchecked+=("$1"); }
 
 build() {
     scripts/check-tools.sh
@@ -75,23 +85,24 @@ run_demo() {
     [ -s "$folder/result/report.html" ] || fail "no report in $folder/result"
 }
 
-# Every Python from 3.10 to 3.13 that is here and can make environments.
-pythons() {
-    local minor candidate
-    for minor in 10 11 12 13; do
-        for candidate in "$(command -v "python3.$minor" || true)" "$HOME/.pyenv/versions/3.$minor".*/bin/python; do
-            # A name may be there without a Python behind it.
-            [ -n "$candidate" ] && "$candidate" -c 'import ensurepip, venv' 2>/dev/null && { echo "$candidate"; break; }
-        done
+# python_of MINOR: a Python of that version that is here and can make environments; nothing where there is none.
+python_of() {
+    local candidate
+    for candidate in "$(command -v "python3.$1" || true)" "$HOME/.pyenv/versions/3.$1".*/bin/python; do
+        # A name may be there without a Python behind it.
+        [ -n "$candidate" ] && "$candidate" -c 'import ensurepip, venv' 2>/dev/null && { echo "$candidate"; return; }
     done
+    return 0
 }
 
 try_here() {
-    local python name tried=0
+    local minor python name tried=0
     rm -rf "$work"/python3.*
-    for python in $(pythons); do
-        name=$("$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])')
+    for minor in 10 11 12 13; do
+        name=python3.$minor
         stage "$name: install and demo"
+        python=$(python_of "$minor")
+        [ -n "$python" ] || { skip "the wheel on Python 3.$minor, which is not here"; continue; }
         "$python" -m venv "$work/$name"
         "$work/$name/bin/python" -m pip install --quiet --disable-pip-version-check "$out"/fastslam-*"_$(uname -m).whl"
         DEMO_ENV=(NO_COLOR=1)
@@ -129,7 +140,10 @@ try_arm() {
     local version=3.11 here
     stage "64-bit ARM: install and demo"
     for tool in qemu-aarch64 apt-get dpkg-deb; do
-        command -v "$tool" >/dev/null || { echo "skipped: $tool is not here (Debian: apt install qemu-user)"; return; }
+        command -v "$tool" >/dev/null || {
+            skip "the wheel for 64-bit ARM, for $tool is not here (Debian: apt install qemu-user)"
+            return
+        }
     done
     arm_python || fail "Debian's Python for ARM cannot be had: $(tail -n 3 "$work/apt/log")"
     rm -rf "$work/arm-packages"
@@ -159,3 +173,5 @@ try_here
 try_arm
 stage "done"
 ls -l "$out"
+for what in "${unchecked[@]}"; do echo "not checked: $what"; done
+if "$need_all" && [ ${#unchecked[@]} -gt 0 ]; then fail "not everything could be checked"; fi

@@ -134,7 +134,7 @@ def test_landmark_a_hair_from_the_sensor_poisons_nothing(log: Path, tmp_path: Pa
         (("--format", "utias"), 1, "robots there: none"),
         (("--format", "victoria_prak"), 1, "did you mean victoria_park?"),
         (("--robot", "3"), 1, "robot"),
-        (("--config", "nosuch.yaml"), 2, "nosuch.yaml: No such file"),
+        (("--config", "nosuch.yaml"), 2, "nosuch.yaml: does not exist"),
     ],
 )
 def test_bad_argument_is_one_line(

@@ -69,9 +69,55 @@ def test_no_color_and_the_module_name() -> None:
     assert b"seed" in done.stdout and b"\x1b[3" not in done.stdout
 
 
-def test_completion_can_be_installed() -> None:
-    done = run("--show-completion", "bash", _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
-    assert b"complete -o" in done.stdout
+@pytest.mark.parametrize("arguments", [("info", "LOG"), ("datasets", "list"), ("run", "LOG", "--no-report")])
+def test_no_color_wins_over_force_color(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    log = write_small_log(tmp_path / "log", steps=60)
+    words = [str(log) if word == "LOG" else word for word in arguments]
+    if "run" in words:
+        words += ["--out", str(tmp_path / "out"), "--particles", "5"]
+    forced = run(*words, FORCE_COLOR="1", NO_COLOR="")
+    assert b"\x1b[" in forced.stdout
+    plain = run(*words, FORCE_COLOR="1", NO_COLOR="1")
+    assert b"\x1b" not in plain.stdout + plain.stderr
+
+
+def test_an_error_without_color() -> None:
+    command = [sys.executable, "-m", "fastslam", "run", "nowhere"]
+    both = {**os.environ, "FORCE_COLOR": "1", "NO_COLOR": "1"}
+    done = subprocess.run(command, capture_output=True, env=both, check=False)
+    assert done.returncode == 1 and done.stderr == b"error: nowhere: does not exist\n"
+
+
+_OF_BASH = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+
+
+def test_completion_is_shown_for_the_program() -> None:
+    shown = run("--show-completion", "bash", **_OF_BASH).stdout
+    assert b"complete -o" in shown and b"_FASTSLAM_COMPLETE=complete_bash" in shown
+    assert shown.rstrip().endswith(b" fastslam")
+
+
+def test_completion_is_installed_for_the_program(tmp_path: Path) -> None:
+    (tmp_path / ".bashrc").write_text("# mine\n", encoding="utf-8")
+    run("--install-completion", "bash", HOME=str(tmp_path), **_OF_BASH)
+    script = tmp_path / ".bash_completions" / "fastslam.sh"
+    assert "_FASTSLAM_COMPLETE" in script.read_text(encoding="utf-8")
+    bashrc = (tmp_path / ".bashrc").read_text(encoding="utf-8")
+    assert bashrc.startswith("# mine\n") and str(script) in bashrc
+    asked = f"source {script}; COMP_WORDS=(fastslam conf) COMP_CWORD=1; _fastslam_completion fastslam; "
+    place = tmp_path / "bin"
+    place.mkdir()
+    (place / "fastslam").write_text(
+        f'#!/bin/sh\nexec "{sys.executable}" -m fastslam "$@"\n', encoding="utf-8"
+    )
+    (place / "fastslam").chmod(0o755)
+    done = subprocess.run(
+        ["bash", "-c", asked + 'echo "${COMPREPLY[@]}"'],
+        capture_output=True,
+        env={**os.environ, "PATH": f"{place}:{os.environ['PATH']}"},
+        check=False,
+    )
+    assert done.stdout.split() == [b"config"], done.stderr
 
 
 def test_json_loses_no_sign_whatever_the_code_page(tmp_path: Path) -> None:

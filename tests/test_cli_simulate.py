@@ -89,7 +89,7 @@ def test_a_layout_takes_its_own_settings_in_any_order(tmp_path: Path) -> None:
         (("--landmarks", "0"), "landmarks: got 0"),
         (("--max-range-m", "-1"), "sensor.max_range_m"),
         (("--set", "world.size_m=[5, 5]", "--set", "world.min_spacing_m=3"), "world."),
-        (("--config", "nosuch.yaml"), "nosuch.yaml: No such file"),
+        (("--config", "nosuch.yaml"), "nosuch.yaml: does not exist"),
     ],
 )
 def test_bad_settings_are_one_line(tmp_path: Path, arguments: tuple[str, ...], contains: str) -> None:

@@ -194,7 +194,7 @@ def test_bad_file_names_the_line(tmp_path: Path, text: str, line: int, part: str
 
 
 def test_missing_folder_and_binary_files_are_one_line_errors(tmp_path: Path) -> None:
-    assert "No such file" in message_of(lambda: load_config(tmp_path / "none.yaml"))
+    assert "does not exist" in message_of(lambda: load_config(tmp_path / "none.yaml"))
     assert "directory" in message_of(lambda: load_config(tmp_path))
     binary = tmp_path / "binary.yaml"
     binary.write_bytes(b"seed: \xff\xfe")

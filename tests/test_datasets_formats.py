@@ -223,9 +223,7 @@ def test_path_that_does_not_exist(tmp_path: Path) -> None:
 
 
 def test_unknown_format_suggests_the_nearest(tmp_path: Path) -> None:
-    with pytest.raises(
-        DataError, match=r"unknown format utia \(did you mean utias\?\); known: native, utias,"
-    ):
+    with pytest.raises(DataError, match=r"unknown format utia; did you mean utias\?; known: native, utias,"):
         load(tmp_path, format="utia")
 
 

@@ -33,6 +33,7 @@ LONG = 45
 
 _FENCE = re.compile(r"(^```.*?^```[ ]*$)", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"(!?)\[((?:[^\[\]]|\[[^\]]*\])*)\]\(([^)\s]+)\)")
+_PICTURE = re.compile(r'<img [^>]*src="([^"]+)"[^>]*>')
 _FORMULA = re.compile(r'<(span|div) class="arithmatex">(.*?)</\1>', re.DOTALL)
 
 
@@ -74,7 +75,8 @@ def on_page_markdown(markdown: str, *, page: Any, config: Any, files: Files) -> 
 
 
 def on_page_content(content: str, **_: Any) -> str:
-    """Turns formulas into MathML."""
+    """Turns formulas into MathML, and pictures into links to themselves, to enlarge them on a phone."""
+    content = _PICTURE.sub(r'<a class="picture" href="\1">\g<0></a>', content)
     return _FORMULA.sub(_mathml, content)
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from ._hints import does_not_exist, of_our_own
 from ._yaml import YamlError, parse_yaml
 from .csv_cells import guarded, unguarded
 from .datasets.csv_table import CsvTable, read_csv
@@ -53,8 +54,11 @@ def read_map(path: Path) -> Map:
     """A map's folder, or a table of landmarks alone. Errors: `DataError` with file and line."""
     if not path.is_dir():
         if not path.exists():
-            raise DataError("no such map", path)
+            raise DataError(f"no such map: {does_not_exist(path)}", path)
         return replace(_read_table(path), name=path.stem)
+    if not (path / MAP_FILE).exists():
+        what = of_our_own(path) or f"holds no {MAP_FILE}"
+        raise DataError(f"{what}; expected a map, as `fastslam run --map-out` keeps one", path)
     facts = _facts(path / MAP_FILE)
     chart = _read_table(path / LANDMARKS_FILE)
     return replace(

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from . import _core
+from ._hints import does_not_exist, of_our_own
 from ._yaml import YamlError, parse_yaml, write_yaml
 from .csv_cells import guarded, unguarded
 from .errors import DataError
@@ -241,7 +242,10 @@ def _resolve(folder: Path | str) -> Path:
     if path.is_file() and path.name == "latest":
         path = path.parent / _read_text(path).strip()
     if not path.is_dir():
-        raise DataError("no such results folder", path)
+        raise DataError(f"no such results folder: {does_not_exist(path)}", path)
+    if not (path / RUN_FILE).exists():
+        what = of_our_own(path) or f"holds no {RUN_FILE}"
+        raise DataError(f"{what}; expected a folder of results, as `fastslam run` leaves them", path)
     return path
 
 

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from ._hints import does_not_exist, in_plain_words
 from ._json_schema import KeyInfo, discriminators, flatten, suggestion
 from .errors import ConfigError
 
@@ -89,6 +90,9 @@ class Schema:
         Errors: `ConfigError`, its message starting with the dotted key.
         """
         for layer in layers:
+            if not isinstance(layer, Mapping):
+                example = '{"filter": {"particles": 50}}'
+                raise ConfigError(f"settings: got {layer!r}, expected keys and values such as {example}")
             _refuse_unwritable(layer)
             for key in _leaf_keys(layer):
                 self._refuse_unknown(key)
@@ -102,6 +106,8 @@ class Schema:
         """
         try:
             text = Path(path).read_text(encoding="utf-8")
+        except FileNotFoundError:
+            raise ConfigError(f"{path}: {does_not_exist(Path(path))}") from None
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror or error}") from None
         except UnicodeDecodeError as error:
@@ -169,7 +175,7 @@ class Schema:
         """Rewords the core's complaint about a key that belongs to another kind of its section."""
         found = re.match(r"(?P<section>\S+): unknown field `(?P<name>\w+)`", message)
         if found is None:
-            return message
+            return in_plain_words(message)
         key = "{section}.{name}".format(**found.groupdict())
         kinds = [info.only_for for info in self.keys if info.name == key and info.only_for]
         return f"{key}: only for {' or '.join(kinds)}" if kinds else message
@@ -232,6 +238,9 @@ def _refuse_unwritable(value: Any, key: str = "") -> None:
         for name, child in value.items():
             if not isinstance(name, str):
                 raise ConfigError(f"{key or 'settings'}: keys must be text, got {name!r}")
+            if "." in name and not key:
+                section, _, rest = name.partition(".")
+                raise ConfigError(f"{name}: keys are nested: write {section}: {{{rest}: ...}}")
             _refuse_unwritable(child, f"{key}.{name}" if key else name)
     elif isinstance(value, list | tuple):
         for child in value:

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from . import _core
+from ._hints import meant
 from .errors import ConfigError
 from .log import BeamGeometry, Controls, Floats, Log, Scans, Sightings, TruthLandmarks, TruthTrajectory
 from .measured import measured_alone, measured_columns
@@ -36,7 +37,9 @@ def resolve_simulation(*layers: Layer, preset: str | None = None, landmarks: int
     Errors: `ConfigError`, its message starting with the dotted key.
     """
     if preset is not None and preset not in presets():
-        raise ConfigError(f"preset: got {preset}, expected one of {', '.join(presets())}")
+        raise ConfigError(
+            f"preset: got {preset}, expected one of {', '.join(presets())}{meant(preset, presets())}"
+        )
     base: Layer = {} if preset is None else presets()[preset]
     settings = SCHEMA.resolve(base, *layers)
     if landmarks is None:

@@ -112,4 +112,4 @@ def _words() -> list[str]:
 def main() -> None:
     """Runs the program; `fastslam._entry` starts it."""
     never_fail_to_print()
-    application(_words())()
+    application(_words())(prog_name="fastslam")

@@ -29,8 +29,11 @@ def stderr() -> Console:
 def _console(stream: TextIO) -> Console:
     from rich.console import Console
 
-    # Made anew each time: tests and embedding programs replace the streams. Rich reads COLUMNS.
-    return Console(file=stream, width=None if _has_width(stream) else _WIDTH_WITHOUT_TERMINAL)
+    # Made anew each time: tests and embedding programs replace the streams. Rich reads COLUMNS; FORCE_COLOR
+    # makes it take a file for a terminal, and NO_COLOR wins.
+    plain = bool(os.environ.get("NO_COLOR")) and not stream.isatty()
+    width = None if _has_width(stream) else _WIDTH_WITHOUT_TERMINAL
+    return Console(file=stream, width=width, force_terminal=False if plain else None)
 
 
 def width_of_stdout() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -45,7 +46,7 @@ def one_line_errors() -> Iterator[None]:
     except FastSlamError as error:
         raise _reported(str(error), USAGE if isinstance(error, ConfigError) else RUN_FAILED) from None
     except _UsageError as error:
-        message = getattr(error, "format_message", error.__str__)()
+        message = _in_plain_words(getattr(error, "format_message", error.__str__)())
         command = getattr(getattr(error, "ctx", None), "command_path", "fastslam")
         raise _reported(f"{message.rstrip('.')} (see {command} --help)", USAGE) from None
     except KeyboardInterrupt:
@@ -59,6 +60,13 @@ def one_line_errors() -> Iterator[None]:
         raise _reported(f"{where}{error.strerror or error}", RUN_FAILED) from None
     except MemoryError:
         raise _reported("not enough memory", RUN_FAILED) from None
+
+
+def _in_plain_words(message: str) -> str:
+    """A usage error without the names that Python has for types."""
+    for theirs, ours in (("a valid int", "a whole number"), ("a valid float", "a number")):
+        message = re.sub(rf"is not {theirs}(eger|ing point)?\b", f"is not {ours}", message)
+    return message
 
 
 def _reported(message: str, code: int) -> typer.Exit:

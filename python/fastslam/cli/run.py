@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .._entry import INTERRUPTED
+from .._hints import kind_of_folder
 from ..errors import ConfigError, DataError
 from ..timing import stage
 from .console import progress_bar, stderr, stdout
@@ -216,10 +217,15 @@ def _examined(log: Log, configuration: Config) -> tuple[Finding, ...]:
 
 def prepare_folder(out: Path | None) -> Path:
     """Makes the folder before the run, so that a long run is not lost to a path that cannot be written."""
-    from ..resultfiles import new_result_folder
+    from ..resultfiles import RUN_FILE, new_result_folder
 
     if out is None:
         return new_result_folder("results")
+    if out.is_file():
+        raise DataError("is a file; results need a folder", out)
+    kind = kind_of_folder(out)
+    if kind is not None and not (out / RUN_FILE).exists():
+        raise DataError(f"is {kind}: name another folder for the results", out)
     try:
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from .._hints import like_named
 from ..errors import DataError
 from ..log import Log, Problem
 from ..measured import measured_columns
@@ -75,7 +76,8 @@ def _required(path: Path, name: str) -> Path:
     """The file, plain or compressed. Errors: DataError that says how to get on without it."""
     found = find_file(path, name)
     if found is None:
-        raise DataError(f"the file {name} of a native log is missing{REMEDIES[name]}", path)
+        hint = like_named(path, name) or REMEDIES[name]
+        raise DataError(f"the file {name} of a native log is missing{hint}", path)
     return found
 
 

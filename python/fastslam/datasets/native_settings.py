@@ -61,7 +61,8 @@ def checked_settings(settings: dict[str, Any], path: Path, line_of_key: dict[str
             raise DataError(f"unknown key {key}{hint}", path, line_of_key.get(str(key)))
     version = settings.get("format_version")
     if version != FORMAT_VERSION:
-        raise DataError(f"format_version: got {version}, expected {FORMAT_VERSION}", path)
+        found = "is missing" if version is None else f"got {version}"
+        raise DataError(f"format_version: {found}, expected {FORMAT_VERSION}", path)
     if "sensor" not in settings:
         raise DataError("sensor is missing: add sensor: " + LEAST_SENSOR, path)
     _check_model(settings, "motion", MODELS, path)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from .._hints import does_not_exist, meant, of_our_own
 from ..errors import DataError
 from ..log import Log
 from . import (
@@ -166,7 +166,7 @@ def load(
     """
     path = Path(path)
     if not path.exists():
-        raise DataError("does not exist", path)
+        raise DataError(does_not_exist(path), path)
     from ..space.reading import matches as space_format  # which reads with the tables of this package
 
     if format is None and space_format(path) is not None:
@@ -186,9 +186,7 @@ def _by_name(name: str, path: Path) -> DatasetFormat:
     key = name.replace("-", "_")
     if key in FORMATS:
         return FORMATS[key]
-    near = difflib.get_close_matches(key, FORMATS, n=1)
-    hint = f" (did you mean {near[0]}?)" if near else ""
-    raise DataError(f"unknown format {name}{hint}; known: {', '.join(FORMATS)}", path)
+    raise DataError(f"unknown format {name}{meant(key, FORMATS)}; known: {', '.join(FORMATS)}", path)
 
 
 def _guess(path: Path) -> tuple[DatasetFormat, Path]:
@@ -206,6 +204,9 @@ def _guess(path: Path) -> tuple[DatasetFormat, Path]:
         shown = ", ".join(str(log.relative_to(path)) for log in inner[:MOST_SHOWN])
         more = f" and {len(inner) - MOST_SHOWN} more" if len(inner) > MOST_SHOWN else ""
         raise DataError(f"holds {len(inner)} logs, name one: {shown}{more}", path)
+    ours = of_our_own(path)
+    if ours is not None:
+        raise DataError(f"{ours}; expected a log" if path.is_dir() else ours, path)
     foreign = next((what for suffix, what in FOREIGN.items() if suffix in path.suffixes), None)
     message = "is no log of a known format" if foreign is None else f"is {foreign}, which is not read"
     raise DataError(f"{message}; read are {', '.join(FORMATS)}; {PAGE} says how to convert others", path)

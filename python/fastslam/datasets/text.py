@@ -21,6 +21,8 @@ _MARKS = (
     (b"\xfe\xff", "utf-16"),
     (b"\xef\xbb\xbf", "utf-8-sig"),
 )
+_SPREADSHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+"""How files of .xlsx and .ods, and of .xls, begin."""
 _WESTERN_SIGNS = frozenset("°²³µ±·×–—‘’“”€§")
 """Signs beside letters that tables in Windows-1252 hold: units, and what stands in names."""
 _HEAD_BYTES = 4096
@@ -64,6 +66,8 @@ def read_text(path: Path) -> str:
 def read_sheet(path: Path) -> tuple[str, tuple[str, ...]]:
     """As `read_text`, or in Windows-1252, as spreadsheets save tables; then a note says so."""
     data = read_bytes(path)
+    if data.startswith(_SPREADSHEETS):
+        raise DataError("is a spreadsheet by another name: save the sheet as CSV", path)
     try:
         return _decoded(data, path), ()
     except DataError:

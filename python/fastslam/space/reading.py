@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from .._hints import does_not_exist
 from ..errors import DataError
 from . import native, starry_night
 from .log import SpaceLog
@@ -28,7 +29,7 @@ def load(path: Path | str, *, format: str | None = None) -> SpaceLog:
     """
     path = Path(path)
     if not path.exists():
-        raise DataError("does not exist", path)
+        raise DataError(does_not_exist(path), path)
     name = matches(path) if format is None else format
     if name not in READERS:
         raise DataError(f"is no log in three dimensions; read are {', '.join(READERS)}: docs/space.md", path)

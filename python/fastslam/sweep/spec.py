@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from .._hints import does_not_exist, of_our_own
 from .._yaml import YamlError, parse_yaml
 from ..config import explain, merge
 from ..errors import ConfigError
@@ -97,6 +98,8 @@ def load_spec(path: Path | str) -> SweepSpec:
     Errors: `ConfigError` with file and line for a syntax error or an unknown key, with the file otherwise.
     """
     file = Path(path)
+    if file.is_dir():
+        raise ConfigError(f"{file}: {of_our_own(file) or 'is a folder'}; expected a YAML file of a sweep")
     try:
         values, lines = parse_yaml(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -152,7 +155,7 @@ def _log(entry: Any, folder: Path, where: str) -> LogSource:
         raise ConfigError(f"{where}: expected `path: ...` or `simulate: ...`")
     path = (folder / Path(given["path"]).expanduser()).resolve()
     if not path.exists():
-        raise ConfigError(f"{where}.path: {path} does not exist")
+        raise ConfigError(f"{where}.path: {path} {does_not_exist(path)}")
     return StoredLog(str(given.get("name", path.name)), str(path), given.get("format"), given.get("robot"))
 
 
