@@ -8,6 +8,9 @@ import numpy as np
 
 from ..log import Floats, Ints
 
+MOST_COMPARED = 1_000_000
+"""Distances that are simply computed; more are looked up in a tree, for which SciPy must be loaded."""
+
 
 def assign_points(first_m: Floats, second_m: Floats, *, gate_m: float) -> tuple[Ints, Ints]:
     """The one-to-one pairing with the least sum of d² over pairs plus gate² for each pair not made.
@@ -16,29 +19,46 @@ def assign_points(first_m: Floats, second_m: Floats, *, gate_m: float) -> tuple[
     Only points within `gate_m` of each other can be paired, so the problem falls apart into small groups,
     each solved exactly: fifty thousand landmarks take seconds and little memory.
     """
-    none = np.zeros(0, dtype=np.int64)
-    if len(first_m) == 0 or len(second_m) == 0:
-        return none, none
-    # SciPy takes longer to load than most runs take, so it is loaded where it is needed.
-    from scipy.sparse import coo_matrix
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    near = cKDTree(first_m).sparse_distance_matrix(cKDTree(second_m), gate_m, output_type="ndarray")
-    if len(near) == 0:
-        return none, none
-    graph = coo_matrix(
-        (np.ones(len(near)), (near["i"], near["j"] + len(first_m))), shape=(len(first_m) + len(second_m),) * 2
-    )
-    _, group = connected_components(graph, directed=False)
-    order = np.argsort(group[near["i"]], kind="stable")
-    near = near[order]
-    cuts = np.flatnonzero(np.diff(group[near["i"]])) + 1
-    pairs = [_assign_group(edges["i"], edges["j"], edges["v"], gate_m) for edges in np.split(near, cuts)]
+    first, second, distance_m = _near(first_m, second_m, gate_m)
+    # Two that are near each other and nothing else are a pair. The rest needs SciPy, which loads longer than
+    # most runs take.
+    alone = (np.bincount(first)[first] == 1) & (np.bincount(second)[second] == 1)
+    pairs = [(first[alone], second[alone])]
+    if not alone.all():
+        pairs += _assign_groups(first[~alone], second[~alone], distance_m[~alone], gate_m)
     first = np.concatenate([pair[0] for pair in pairs]).astype(np.int64)
     second = np.concatenate([pair[1] for pair in pairs]).astype(np.int64)
     order = np.argsort(first)
     return first[order], second[order]
+
+
+def _near(first_m: Floats, second_m: Floats, gate_m: float) -> tuple[Ints, Ints, Floats]:
+    """The pairs of points within `gate_m` of each other, and their distances."""
+    if len(first_m) * len(second_m) <= MOST_COMPARED:
+        apart = first_m[:, None] - second_m[None]
+        distance_m = np.hypot(apart[..., 0], apart[..., 1])
+        first, second = np.nonzero(distance_m <= gate_m)
+        return first, second, distance_m[first, second]
+    from scipy.spatial import cKDTree
+
+    near = cKDTree(first_m).sparse_distance_matrix(cKDTree(second_m), gate_m, output_type="ndarray")
+    return near["i"], near["j"], near["v"]
+
+
+def _assign_groups(first: Ints, second: Ints, distance_m: Floats, gate_m: float) -> list[tuple[Ints, Ints]]:
+    """The pairings of all that hang together by near pairs."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    points = (first.max() + 1, second.max() + 1)
+    graph = coo_matrix((np.ones(len(first)), (first, second + points[0])), shape=(sum(points),) * 2)
+    _, group = connected_components(graph, directed=False)
+    order = np.argsort(group[first], kind="stable")
+    cuts = np.flatnonzero(np.diff(group[first[order]])) + 1
+    return [
+        _assign_group(first[edges], second[edges], distance_m[edges], gate_m)
+        for edges in np.split(order, cuts)
+    ]
 
 
 def _assign_group(first: Ints, second: Ints, distance_m: Floats, gate_m: float) -> tuple[Ints, Ints]:
