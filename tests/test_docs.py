@@ -35,7 +35,7 @@ LEAST_BLOCKS = {
     "docs/scans.md": 2,
     "docs/formats.md": 2,
     "docs/python.md": 9,
-    "docs/own-sensor.md": 4,
+    "docs/own-sensor.md": 5,
 }
 # Commands that set up or change the checkout; that their targets exist is checked below.
 MAKE_TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))

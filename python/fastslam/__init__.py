@@ -83,6 +83,7 @@ _MODULES = (
     "live",
     *(
         "monte_carlo",
+        "motions",
         "opinion",
         "outputs",
         "plots",

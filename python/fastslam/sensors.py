@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .answers import checked, in_one_line, read_only, shape_text
 from .errors import ModelError
 from .log import Floats
 from .measured import BOTH
@@ -107,7 +107,7 @@ class Adapter:
 
     def expected(self, poses: Floats, landmarks: Floats) -> Floats:
         """What the sensor should measure (n, Z)."""
-        given = _read_only(poses, landmarks)
+        given = read_only(poses, landmarks)
         return self._answer("expected", lambda: self.sensor.expected(*given), (len(poses), self.size))
 
     def innovation(self, measured: Floats, expected: Floats) -> Floats:
@@ -119,63 +119,42 @@ class Adapter:
                 if column.endswith("_rad"):
                     off[:, place] -= 2.0 * np.pi * np.round(off[:, place] / (2.0 * np.pi))
             return off
-        ask, given = own, _read_only(measured, expected)
+        ask, given = own, read_only(measured, expected)
         return self._answer("innovation", lambda: ask(*given), measured.shape)
 
     def jacobian(self, poses: Floats, landmarks: Floats) -> tuple[Floats, Floats]:
         """The sensor's own derivatives by landmark (n, Z, 2) and pose (n, Z, 3)."""
         shapes = tuple((len(poses), self.size, variables) for variables in (2, 3))
-        by_landmark, by_pose = self._answers("jacobian", _read_only(poses, landmarks), shapes)
+        by_landmark, by_pose = self._answers("jacobian", read_only(poses, landmarks), shapes)
         return by_landmark, by_pose
 
     def births(self, poses: Floats, measured: Floats) -> tuple[Floats, Floats, Floats]:
         """The sensor's own births: shares (n, K), means (n, K, 2), covariances (n, K, 2, 2)."""
         count = len(poses)
         shapes = ((count, -1), (count, -1, 2), (count, -1, 2, 2))
-        share, mean, covariance = self._answers("births", _read_only(poses, measured), shapes)
+        share, mean, covariance = self._answers("births", read_only(poses, measured), shapes)
         return share, mean, covariance
 
     def _answers(
         self, method: str, given: tuple[Floats, ...], shapes: tuple[tuple[int, ...], ...]
     ) -> list[Floats]:
         """What a method answers that gives several arrays; -1 stands for one number, the same in all."""
-        with self._named(method):
+        with in_one_line(f"{self.name}.{method}"):
             answer: Any = getattr(self.sensor, method)(*given)
         if not isinstance(answer, tuple | list) or len(answer) != len(shapes):
-            expected = " and ".join(_shape(shape) for shape in shapes)
+            expected = " and ".join(shape_text(shape) for shape in shapes)
             raise ModelError(f"{self.name}.{method}: expected {len(shapes)} arrays, {expected}")
         free = np.shape(answer[0])[1] if -1 in shapes[0] and np.ndim(answer[0]) == 2 else 0
         wanted = [tuple(free if size == -1 else size for size in shape) for shape in shapes]
-        return [self._array(method, array, shape) for array, shape in zip(answer, wanted, strict=True)]
+        return [
+            checked(f"{self.name}.{method}", array, shape)
+            for array, shape in zip(answer, wanted, strict=True)
+        ]
 
     def _answer(self, part: str, ask: Callable[[], ArrayLike], shape: tuple[int, ...]) -> Floats:
-        with self._named(part):
+        with in_one_line(f"{self.name}.{part}"):
             answer = ask()
-        return self._array(part, answer, shape)
-
-    def _array(self, part: str, answer: ArrayLike, shape: tuple[int, ...]) -> Floats:
-        """A copy of an answer. Errors: `ModelError` for another shape, or what is no number."""
-        try:
-            array: NDArray[np.float64] = np.array(answer, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ModelError(
-                f"{self.name}.{part}: got what is no array of numbers, expected {_shape(shape)}"
-            ) from None
-        if array.shape != shape:
-            raise ModelError(f"{self.name}.{part}: got shape {array.shape}, expected {_shape(shape)}")
-        if not np.isfinite(array).all():
-            row = int(np.argwhere(~np.isfinite(array))[0][0])
-            raise ModelError(f"{self.name}.{part}: row {row} is not finite, expected numbers for every row")
-        return array
-
-    @contextmanager
-    def _named(self, part: str) -> Iterator[None]:
-        """Whatever the user's class raises, in one line that names the method."""
-        try:
-            yield
-        except Exception as error:
-            text = " ".join(str(error).split())
-            raise ModelError(f"{self.name}.{part}: {type(error).__name__}: {text}") from error
+        return checked(f"{self.name}.{part}", answer, shape)
 
 
 def check(sensor: Sensor, *, range_m: tuple[float, float] = (0.5, 60.0)) -> int:
@@ -208,15 +187,3 @@ def adapted(sensor: Sensor | None) -> Adapter | None:
 def own_layer(sensor: object | None) -> Layer:
     """The setting that a filter is for a sensor of one's own, where there is one."""
     return {} if sensor is None else {"sensor": {"model": "own"}}
-
-
-def _read_only(*arrays: Floats) -> tuple[Floats, ...]:
-    """Views that a user's class cannot change."""
-    views = tuple(array.view() for array in arrays)
-    for view in views:
-        view.flags.writeable = False
-    return views
-
-
-def _shape(shape: tuple[int, ...]) -> str:
-    return str(shape).replace("-1", "K")
