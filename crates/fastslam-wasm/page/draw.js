@@ -42,6 +42,9 @@ class Panel {
     this.filter = filter;
     this.index = index;
     this.strip = [];
+    this.layer = document.createElement("canvas");
+    this.drawn = {};
+    this.scans = 0;
     this.article = document.createElement("article");
     this.article.innerHTML = `<header><h2>${NAMES[filter]}</h2><span class="facts"></span></header>
       <canvas class="world" role="img" aria-label="map of ${NAMES[filter]}"></canvas>
@@ -56,6 +59,7 @@ class Panel {
   learn(map) {
     const [landmarks, own, best, paths, matches, pose] = map;
     Object.assign(this, { landmarks, own, best, matches, pose });
+    this.scans += 1;
     this.paths = new Path2D();
     let pen = false;
     for (let i = 0; i < paths.length; i += 2) {
@@ -81,7 +85,7 @@ class Panel {
     if (this.filter !== "ekf") parts.push(`resampled ${resamplings} ×`);
     if (redraws > 0) parts.push(`drawn anew ${redraws} ×`);
     parts.push(`it says: ${VERDICTS[verdict]}`);
-    this.facts.textContent = parts.join(" · ");
+    write(this.facts, parts.join(" · "));
     this.latest = { share: effective / count, resamplings };
   }
 
@@ -103,9 +107,37 @@ class Panel {
     context.transform(at.scale, 0, 0, -at.scale, at.dx, at.dy);
     if (show.odometry) this.drawOdometry(context, scene, px, colour);
     if (show.truth) this.drawTruth(context, scene, px, colour);
-    if (this.landmarks) this.drawBeliefs(context, show, px, colour);
+    if (this.landmarks) {
+      this.drawLayer(context, show, colour);
+      this.drawRobots(context, show, px, colour);
+    }
     context.restore();
-    if (this.filter !== "ekf") this.drawStrip(colour);
+    if (this.filter !== "ekf" && this.isStale("strip", [this.scans, this.strip.length, width, colour.particle])) this.drawStrip(colour);
+  }
+
+  /* Whether a part must be drawn anew: whether anything that it depends on has changed. */
+  isStale(part, facts) {
+    const key = facts.join();
+    if (this.drawn[part] === key) return false;
+    this.drawn[part] = key;
+    return true;
+  }
+
+  /* What only scans change is drawn once per scan, beside the page, and copied into every frame. */
+  drawLayer(context, show, colour) {
+    const { width, height } = this.world;
+    const { a, b, c, d, e, f } = context.getTransform();
+    const facts = [this.scans, width, height, a, e, f, ...Object.values(show), ...Object.values(colour)];
+    if (this.isStale("beliefs", facts)) {
+      Object.assign(this.layer, { width, height });
+      const beside = this.layer.getContext("2d");
+      beside.setTransform(a, b, c, d, e, f);
+      this.drawBeliefs(beside, show, 1 / this.at.scale, colour);
+    }
+    context.save();
+    context.resetTransform();
+    context.drawImage(this.layer, 0, 0);
+    context.restore();
   }
 
   drawOdometry(context, scene, px, colour) {
@@ -138,6 +170,9 @@ class Panel {
     line(context, this.best, colour.best, 1.6 * px, []);
     if (show.matches) this.drawMatches(context, px, colour);
     this.drawLandmarks(context, show.ellipses, px, colour);
+  }
+
+  drawRobots(context, show, px, colour) {
     if (this.filter !== "ekf") dots(context, this.particles, 4, 2.6 * px, colour.particle, 0.8);
     robot(context, this.status, colour.best, px, true);
     if (this.truth !== undefined && show.truth) robot(context, this.truth, colour.truth, px, false);
@@ -187,6 +222,11 @@ class Panel {
       context.fillStyle = colour.particle;
     });
   }
+}
+
+/* Writes a text where it is another one: the page is laid out anew for each. */
+function write(element, text) {
+  if (element.textContent !== text) element.textContent = text;
 }
 
 /* A map is a square, unless the window is too low for one. */

@@ -5,7 +5,7 @@
 // Fails where the page writes an error or shows one. CHROMIUM names the browser. From Node 22 the flag is not needed.
 
 import { spawn } from "node:child_process";
-import { mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { mkdirSync, mkdtempSync, readFileSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { pathToFileURL } from "node:url";
@@ -85,6 +85,41 @@ class Browser {
   }
 }
 
+// Seconds of processor time that a process and those below it have used so far (Linux).
+function processorTime(root) {
+  const found = new Map();
+  for (const pid of readdirSync("/proc").filter((name) => /^\d+$/.test(name))) {
+    try {
+      const stat = readFileSync(`/proc/${pid}/stat`, "utf8");
+      const fields = stat.slice(stat.lastIndexOf(")") + 2).split(" ");
+      found.set(Number(pid), { parent: Number(fields[1]), ticks: Number(fields[11]) + Number(fields[12]) });
+    } catch { /* it has ended */ }
+  }
+  const below = (pid) => pid === root || (found.has(pid) && pid > 1 && below(found.get(pid).parent));
+  return [...found].filter(([pid]) => below(pid)).reduce((sum, [, { ticks }]) => sum + ticks / 100, 0);
+}
+
+// Frames of some seconds, and the processor time meanwhile, of the whole browser with what draws for it.
+async function spent(browser, seconds) {
+  const since = await browser.evaluate("performance.now()");
+  const before = processorTime(browser.process.pid);
+  await later(1000 * seconds);
+  const used_ms = 1000 * (processorTime(browser.process.pid) - before);
+  return { frames: await browser.evaluate(`state.frames.filter(([at]) => at > ${since}).length`), used_ms, seconds };
+}
+
+// What a frame and a second of driving cost: of this other processes take less away than of frames per second. A robot
+// that stands is drawn and not filtered.
+async function costs(browser) {
+  const driving = await spent(browser, 8);
+  await browser.evaluate("state.auto = false");
+  const standing = await spent(browser, 8);
+  const frame = standing.used_ms / standing.frames;
+  const filter = (driving.used_ms - driving.frames * frame) / driving.seconds;
+  return `processor time of the browser: ${frame.toFixed(1)} ms a frame drawn, ${filter.toFixed(0)} ms a second of driving; ` +
+    `at 60 frames/s ${((60 * frame + filter) / 10).toFixed(0)} % of a core`;
+}
+
 // Frames per second of the last 5 s, and milliseconds of work in a frame: median and 99th percentile.
 const PACE = `(() => {
   const last = state.frames.filter(([at]) => at > state.frames.at(-1)[0] - 5000);
@@ -105,6 +140,7 @@ try {
   await browser.evaluate("Object.assign(SET, { filters: ['fastslam2'], particles: 100, landmarks: 100 }); showControls(); begin()");
   await later(1000 * Number(seconds));
   console.log(`desktop, FastSLAM 2.0, 100 particles, 100 landmarks: ${show(await browser.evaluate(PACE))}`);
+  console.log(await costs(browser));
   for (const number of [4, 6, 7]) {
     await browser.evaluate(`showLesson(${number}); begin()`);
     await later(1000 * Number(seconds));

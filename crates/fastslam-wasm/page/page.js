@@ -113,7 +113,7 @@ function frame(now_ms) {
     return;
   }
   const { now } = state.scene;
-  byId("clock").textContent = state.log ? `${now[6].toFixed(0)} s of ${now[7].toFixed(0)} s` : `${now[6].toFixed(0)} s`;
+  write(byId("clock"), state.log ? `${now[6].toFixed(0)} s of ${now[7].toFixed(0)} s` : `${now[6].toFixed(0)} s`);
   state.frames.push([now_ms, performance.now() - start]);
   if (state.frames.length > 600) state.frames.shift();
   requestAnimationFrame(frame);
