@@ -3,7 +3,7 @@
 //! Unknowns are ordered poses first: (x, y, heading) of each, then (x, y) of every landmark, then parameters at the border.
 //! Who asks feeds blocks of derivatives with a weight; sums of JᵀWJ stand in the places that a chain with landmarks needs.
 
-use super::factor::UpperTriangle;
+use super::triangle::UpperTriangle;
 use crate::geometry::{Matrix3, Pose};
 use crate::math;
 use crate::motion::MotionGaussian;

@@ -1,13 +1,13 @@
 //! The sparse Cholesky factor of a precision matrix: solves with it, and draws from the Gaussian it describes.
 
+use super::elimination::{Elimination, Places};
+use super::triangle::UpperTriangle;
 use crate::vector::vectorized;
-use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::{
     factorize_symbolic_cholesky, CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
 };
 use faer::sparse::linalg::SupernodalThreshold;
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
-use faer::{Par, Side};
+use faer::Side;
 
 /// Draws that are worked on side by side.
 pub const LANES: usize = 16;
@@ -15,70 +15,13 @@ pub const LANES: usize = 16;
 /// One number in all of them.
 pub type Lanes = [f64; LANES];
 
-/// The upper triangle of a symmetric matrix, column by column.
-#[derive(Clone, Debug, Default)]
-pub struct UpperTriangle {
-    /// Where each column starts; one more than columns.
-    pub column_starts: Vec<usize>,
-    /// Row of each value, ascending within a column; the last of a column is its diagonal.
-    pub rows: Vec<usize>,
-    /// Values.
-    pub values: Vec<f64>,
-}
-
-impl UpperTriangle {
-    /// The places of all numbers for a chain of poses of `P` variables, and landmarks of `D` after them: a pose's column
-    /// holds the pose before and its own triangle, a landmark's column the poses that saw it, in their order, and its own
-    /// triangle.
-    pub fn of_chain<const P: usize, const D: usize>(
-        poses: usize,
-        seen_from: impl Iterator<Item = impl Iterator<Item = usize> + Clone>,
-    ) -> Self {
-        let mut upper = Self { column_starts: vec![0], ..Self::default() };
-        for pose in 0..poses {
-            for c in 0..P {
-                let before = P * pose.saturating_sub(1);
-                upper.rows.extend(before..P * pose + c + 1);
-                upper.column_starts.push(upper.rows.len());
-            }
-        }
-        for (landmark, seen_from) in seen_from.enumerate() {
-            let own = P * poses + D * landmark;
-            for c in 0..D {
-                upper.rows.extend(seen_from.clone().flat_map(|pose| P * pose..P * pose + P));
-                upper.rows.extend(own..own + c + 1);
-                upper.column_starts.push(upper.rows.len());
-            }
-        }
-        upper.values = vec![0.0; upper.rows.len()];
-        upper
-    }
-
-    pub(super) fn size(&self) -> usize {
-        self.column_starts.len() - 1
-    }
-
-    /// Multiplies the diagonal by a number.
-    pub fn scale_diagonal(&mut self, factor: f64) {
-        for end in &self.column_starts[1..] {
-            self.values[end - 1] *= factor;
-        }
-    }
-
-    fn symbolic(&self) -> SymbolicSparseColMatRef<'_, usize> {
-        let n = self.size();
-        SymbolicSparseColMatRef::new_checked(n, n, &self.column_starts, None, &self.rows)
-    }
-}
-
 /// P A Pᵀ = L Lᵀ with an order P that keeps L sparse.
 ///
-/// **Why:** the column-by-column factorisation, not the one with dense blocks: its arithmetic is the same on every
-/// processor, and so are the bits.
+/// Order and places are those of `faer`, for factorisation column by column; the numbers are ours ([`Elimination`]).
 pub struct Factor {
     symbolic: SymbolicCholesky<usize>,
+    elimination: Elimination,
     values: Vec<f64>,
-    memory: MemBuffer,
 }
 
 impl Factor {
@@ -100,27 +43,15 @@ impl Factor {
         };
         let symbolic = factorize_symbolic_cholesky(matrix.symbolic(), Side::Upper, ordering, params).ok()?;
         let values = vec![0.0; symbolic.len_val()];
-        let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
-        let memory = MemBuffer::try_new(scratch).ok()?;
-        Some(Self { symbolic, values, memory })
+        let position = |variable: usize| symbolic.perm().map_or(variable, |perm| perm.arrays().1[variable]);
+        let elimination = Elimination::new(matrix, position, places_of(&symbolic));
+        Some(Self { symbolic, elimination, values })
     }
 
     /// Factorises a matrix of this structure; false when it is not positive definite.
     #[must_use]
     pub fn factorize(&mut self, matrix: &UpperTriangle) -> bool {
-        let matrix = SparseColMatRef::new(matrix.symbolic(), matrix.values.as_slice());
-        let regularization = faer::linalg::cholesky::llt::factor::LltRegularization::default();
-        let (memory, spec) = (MemStack::new(&mut self.memory), faer::Spec::default());
-        let factor = self.symbolic.factorize_numeric_llt(
-            &mut self.values,
-            matrix,
-            Side::Upper,
-            regularization,
-            Par::Seq,
-            memory,
-            spec,
-        );
-        factor.is_ok()
+        self.elimination.factorize(&matrix.values, places_of(&self.symbolic), &mut self.values)
     }
 
     /// A⁻¹ b.
@@ -186,11 +117,7 @@ impl Factor {
 
     /// Rows and values of a column of L, diagonal first.
     fn columns(&self) -> impl DoubleEndedIterator<Item = (&[usize], &[f64])> {
-        let (starts, rows) = match self.symbolic.raw() {
-            SymbolicCholeskyRaw::Simplicial(l) => (l.col_ptr(), l.row_idx()),
-            // Excluded by the parameters of the analysis.
-            SymbolicCholeskyRaw::Supernodal(_) => (&[][..], &[][..]),
-        };
+        let Places { starts, rows } = places_of(&self.symbolic);
         starts.windows(2).map(|w| (&rows[w[0]..w[1]], &self.values[w[0]..w[1]]))
     }
 
@@ -241,10 +168,23 @@ impl Factor {
     }
 }
 
+/// Where the numbers of a factor stand.
+fn places_of(symbolic: &SymbolicCholesky<usize>) -> Places<'_> {
+    let (starts, rows) = match symbolic.raw() {
+        SymbolicCholeskyRaw::Simplicial(l) => (l.col_ptr(), l.row_idx()),
+        // Excluded by the parameters of the analysis.
+        SymbolicCholeskyRaw::Supernodal(_) => (&[][..], &[][..]),
+    };
+    Places { starts, rows }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::{Purpose, RandomSource};
+    use faer::dyn_stack::{MemBuffer, MemStack};
+    use faer::sparse::SparseColMatRef;
+    use faer::Par;
 
     /// A tridiagonal matrix with one far entry: 3 on the diagonal, −1 beside it and between first and last.
     fn ring(size: usize) -> (UpperTriangle, Vec<Vec<f64>>) {
@@ -264,6 +204,50 @@ mod tests {
             upper.column_starts.push(upper.rows.len());
         }
         (upper, dense)
+    }
+
+    /// The factor as `faer` fills it, one column at a time.
+    fn one_by_one(factor: &Factor, matrix: &UpperTriangle) -> Vec<f64> {
+        let mut values = vec![0.0; factor.values.len()];
+        let scratch = factor.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
+        let mut memory = MemBuffer::new(scratch);
+        let numbers = SparseColMatRef::new(matrix.symbolic(), matrix.values.as_slice());
+        let (stack, spec) = (MemStack::new(&mut memory), faer::Spec::default());
+        let symbolic = &factor.symbolic;
+        let done = symbolic.factorize_numeric_llt(
+            &mut values,
+            numbers,
+            Side::Upper,
+            Default::default(),
+            Par::Seq,
+            stack,
+            spec,
+        );
+        assert!(done.is_ok());
+        values
+    }
+
+    #[test]
+    fn columns_that_are_met_together_have_the_bits_of_one_after_the_other() {
+        for case in 0..30 {
+            let stream = RandomSource::new(4).stream(Purpose::Simulation, case);
+            let chance = |a: usize, b: usize| stream.uniform(a as u32, b as u32);
+            let (poses, landmarks) = (20 + 10 * case as usize, 30);
+            let seen = |k: usize| (0..poses).filter(move |pose| chance(k, *pose) < 0.2).collect::<Vec<_>>().into_iter();
+            let mut matrix = UpperTriangle::of_chain::<3, 2>(poses, (0..landmarks).map(seen));
+            for (i, value) in matrix.values.iter_mut().enumerate() {
+                *value = chance(landmarks, i) - 0.5;
+            }
+            for (c, end) in matrix.column_starts[1..].iter().enumerate() {
+                matrix.values[end - 1] = 60.0 + chance(landmarks + 1, c) + poses as f64;
+            }
+            for structure in [Factor::of_structure, Factor::in_order] {
+                let mut factor = structure(&matrix).unwrap();
+                assert!(factor.factorize(&matrix));
+                let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+                assert_eq!(bits(&factor.values), bits(&one_by_one(&factor, &matrix)), "case {case}");
+            }
+        }
     }
 
     #[test]
