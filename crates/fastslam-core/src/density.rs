@@ -1,6 +1,7 @@
 //! Densities of innovations: how well a sighting fits, how noise falls off, and quantiles of χ².
 
 use crate::math;
+use crate::vector::vectorized;
 use serde::{Deserialize, Serialize};
 
 /// ln(2π)
@@ -28,6 +29,26 @@ impl Tail {
     /// From the configured degrees of freedom.
     pub fn from_degrees_of_freedom(value: Option<f64>) -> Self {
         value.map_or(Self::Gaussian, Self::StudentT)
+    }
+
+    /// Makes a pass over particles with this tail as vector code, compiled once for each kind of tail.
+    ///
+    /// **Why:** a choice within a loop of vector code means that all that may be chosen is computed.
+    #[inline(always)]
+    pub(crate) fn vectorized<R>(self, pass: impl FnOnce(Self) -> R) -> R {
+        vectorized(
+            #[inline(always)]
+            || self.apart(pass),
+        )
+    }
+
+    /// [`Self::vectorized`] within vector code.
+    #[inline(always)]
+    pub(crate) fn apart<R>(self, pass: impl FnOnce(Self) -> R) -> R {
+        match self {
+            Self::Gaussian => pass(Self::Gaussian),
+            Self::StudentT(k) => pass(Self::StudentT(k)),
+        }
     }
 
     /// By how much the noise covariance of a sighting this far off is to be scaled: 1 for an ordinary one.

@@ -116,9 +116,10 @@ impl Beliefs {
         let [px, py, ph, xx, xy, xh, yy, yh, hh] = self.columns.each_ref().map(Vec::as_slice);
         let (px, py, ph) = (&px[..n], &py[..n], &ph[..n]);
         let (xx, xy, xh, yy, yh, hh) = (&xx[..n], &xy[..n], &xh[..n], &yy[..n], &yh[..n], &hh[..n]);
-        vectorized(
+        measured.tail.vectorized(
             #[inline(always)]
-            || {
+            |tail| {
+                let measured = Measured { tail, ..*measured };
                 for i in 0..n {
                     let belief = Belief {
                         mean: Pose::new(px[i], py[i], ph[i]),
@@ -126,7 +127,7 @@ impl Beliefs {
                     };
                     let landmark =
                         Gaussian { mean: [x[i], y[i]], covariance: Symmetric2::new(cov_xx[i], cov_xy[i], cov_yy[i]) };
-                    let fit = belief.fit(model, T_robot_sensor, &landmark, measured);
+                    let fit = belief.fit(model, T_robot_sensor, &landmark, &measured);
                     log_likelihood[i] = fit.log_likelihood;
                     mahalanobis_squared[i] = fit.mahalanobis_squared;
                 }
@@ -239,15 +240,15 @@ impl<M: Placing> Refinement<'_, M> {
     /// log-likelihoods to `log_likelihood`. Particles that lack the landmark keep their belief.
     pub fn apply(&self, first: usize, columns: [&mut [f64]; COLUMNS], log_likelihood: &mut [f64]) {
         let Self { model, T_robot_sensor, measured, rows } = *self;
-        let measured = *measured;
         let n = log_likelihood.len();
         let row = |c: usize| &rows.column(c)[first..][..n];
         let (count, x, y) = (row(column::SIGHTINGS), row(column::MEAN_X), row(column::MEAN_Y));
         let (cov_xx, cov_xy, cov_yy) = (row(column::COV_XX), row(column::COV_XY), row(column::COV_YY));
         let [px, py, ph, xx, xy, xh, yy, yh, hh] = columns.map(|column| &mut column[..n]);
-        vectorized(
+        measured.tail.vectorized(
             #[inline(always)]
-            || {
+            |tail| {
+                let measured = Measured { tail, ..*measured };
                 for i in 0..n {
                     let before = Belief {
                         mean: Pose::new(px[i], py[i], ph[i]),

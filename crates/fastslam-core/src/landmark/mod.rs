@@ -151,20 +151,30 @@ pub struct Correction<'a, M> {
 impl<M: Placing> Correction<'_, M> {
     /// [`correct_rows`] for the particles from number `first` on, whose columns these are.
     pub fn apply(&self, first: usize, rows: [&mut [f64]; column::COUNT], log_likelihood: &mut [f64]) -> u32 {
-        let n = log_likelihood.len();
         match self.mask {
-            None => vectorized(
-                #[inline(always)]
-                || self.correct_where(first, rows, |_| true, log_likelihood),
-            ),
+            None => self.correct_apart(first, rows, |_| true, log_likelihood),
             Some(mask) => {
-                let mask = &mask[first..][..n];
-                vectorized(
-                    #[inline(always)]
-                    || self.correct_where(first, rows, |i| mask[i], log_likelihood),
-                )
+                let mask = &mask[first..][..log_likelihood.len()];
+                self.correct_apart(first, rows, |i| mask[i], log_likelihood)
             }
         }
+    }
+
+    #[inline(always)]
+    fn correct_apart(
+        &self,
+        first: usize,
+        rows: [&mut [f64]; column::COUNT],
+        chosen: impl Fn(usize) -> bool,
+        log_likelihood: &mut [f64],
+    ) -> u32 {
+        self.measured.tail.vectorized(
+            #[inline(always)]
+            |tail| {
+                let measured = Measured { tail, ..self.measured };
+                Self { measured, ..*self }.correct_where(first, rows, chosen, log_likelihood)
+            },
+        )
     }
 
     #[inline(always)]

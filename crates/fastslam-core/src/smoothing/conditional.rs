@@ -38,11 +38,12 @@ impl Draws {
         );
     }
 
+    /// Calls `see` with the pose of the sensor at a step, as all draws have it.
     #[inline(always)]
-    fn sensor(&self, step: usize) -> [Lanes; 3] {
+    fn with_sensor(&self, step: usize, see: impl FnOnce(&[Lanes; 3])) {
         match step.checked_sub(self.first_free) {
-            Some(row) => self.poses[row],
-            None => self.held[step].to_array().map(|v| [v; LANES]),
+            Some(row) => see(&self.poses[row]),
+            None => see(&self.held[step].to_array().map(|v| [v; LANES])),
         }
     }
 
@@ -68,8 +69,12 @@ impl Draws {
             #[inline(always)]
             || {
                 for seen in &sights.seen {
-                    let sensor = self.sensor(seen.step as usize);
-                    add_sighting(model, *history.sighting(seen.sighting), &sensor, [&x, &y], &mut sums);
+                    let measured = *history.sighting(seen.sighting);
+                    self.with_sensor(
+                        seen.step as usize,
+                        #[inline(always)]
+                        |sensor| add_sighting(model, measured, sensor, [&x, &y], &mut sums),
+                    );
                 }
             },
         );
@@ -95,18 +100,23 @@ fn add_sighting<M: Placing>(
     [xx, xy, yy, pull_x, pull_y]: &mut [Lanes; 5],
 ) {
     let inverse = Inverse::of(measured.noise);
-    for i in 0..LANES {
-        let linear = model.linearize(Pose::new(sensor_x[i], sensor_y[i], heading[i]), [x[i], y[i]]);
-        let [a, b] = model.innovation(measured.value, linear.expected);
-        let scale = inverse.reciprocal / measured.tail.noise_scale(inverse.form([a, b]));
-        let Symmetric2 { xx: w00, xy: w01, yy: w11 } = inverse.adjugate().scaled(scale);
-        let [[g00, g01], [g10, g11]] = linear.by_landmark;
-        let (p00, p01) = (w00 * g00 + w01 * g10, w01 * g00 + w11 * g10);
-        let (p10, p11) = (w00 * g01 + w01 * g11, w01 * g01 + w11 * g11);
-        xx[i] += p00 * g00 + p01 * g10;
-        xy[i] += p00 * g01 + p01 * g11;
-        yy[i] += p10 * g01 + p11 * g11;
-        pull_x[i] += p00 * a + p01 * b;
-        pull_y[i] += p10 * a + p11 * b;
-    }
+    measured.tail.apart(
+        #[inline(always)]
+        |tail| {
+            for i in 0..LANES {
+                let linear = model.linearize(Pose::new(sensor_x[i], sensor_y[i], heading[i]), [x[i], y[i]]);
+                let [a, b] = model.innovation(measured.value, linear.expected);
+                let scale = inverse.reciprocal / tail.noise_scale(inverse.form([a, b]));
+                let Symmetric2 { xx: w00, xy: w01, yy: w11 } = inverse.adjugate().scaled(scale);
+                let [[g00, g01], [g10, g11]] = linear.by_landmark;
+                let (p00, p01) = (w00 * g00 + w01 * g10, w01 * g00 + w11 * g10);
+                let (p10, p11) = (w00 * g01 + w01 * g11, w01 * g01 + w11 * g11);
+                xx[i] += p00 * g00 + p01 * g10;
+                xy[i] += p00 * g01 + p01 * g11;
+                yy[i] += p10 * g01 + p11 * g11;
+                pull_x[i] += p00 * a + p01 * b;
+                pull_y[i] += p10 * a + p11 * b;
+            }
+        },
+    );
 }
