@@ -14,6 +14,8 @@ pub struct Scratch {
     pub(super) order: Vec<usize>,
     pub(super) margins: Vec<f64>,
     pub(super) weights: Vec<f64>,
+    /// Log-likelihoods of the candidates of a sighting, where they are explanations.
+    pub(super) fits: Vec<Option<f64>>,
 }
 
 /// A scan, and for each of its sightings the candidates: landmarks that it may show.
@@ -69,7 +71,8 @@ pub(super) fn order_decisions<H: Hypothesis>(
     let Scratch { order, margins, .. } = scratch;
     order.clear();
     order.extend(0..scan.len());
-    if rules.order == AssociationOrder::LeastAmbiguousFirst && !hypothesis.pose_is_certain() {
+    let is_open = scan.len() > 1 && rules.order == AssociationOrder::LeastAmbiguousFirst;
+    if is_open && !hypothesis.pose_is_certain() {
         let margin = |j: &usize| best_choice(rules, among, *j, hypothesis, &[]).margin;
         margins.clear();
         margins.extend(order.iter().map(margin));

@@ -63,19 +63,18 @@ fn weigh<H: Hypothesis>(
     hypothesis: &H,
     scratch: &mut Scratch,
 ) -> f64 {
-    let Scratch { used, weights, .. } = scratch;
-    let choice = best_choice(rules, among, index, hypothesis, used);
-    let highest = choice.best.map_or(rules.log_unexplained_density, |(_, fit)| fit.log_likelihood);
-    let highest = highest.max(rules.log_unexplained_density);
+    let Scratch { used, weights, fits, .. } = scratch;
     let measured = &among.scan[index].measured;
-    weights.clear();
-    weights.extend(among.of_sighting[index].iter().enumerate().map(|(place, candidate)| {
-        if used.contains(candidate) {
-            return 0.0;
-        }
-        let fit = hypothesis.fit([index, place], *candidate, measured);
-        fit.map_or(0.0, |fit| math::exp(fit.log_likelihood - highest))
+    fits.clear();
+    fits.extend(among.of_sighting[index].iter().enumerate().map(|(place, candidate)| {
+        let fit = if used.contains(candidate) { None } else { hypothesis.fit([index, place], *candidate, measured) };
+        fit.map(|fit| fit.log_likelihood)
     }));
+    // As the likeliest candidate is found elsewhere: one that is no number leads.
+    let leading = fits.iter().flatten().copied().reduce(|leader, next| if next <= leader { leader } else { next });
+    let highest = leading.unwrap_or(rules.log_unexplained_density).max(rules.log_unexplained_density);
+    weights.clear();
+    weights.extend(fits.iter().map(|fit| fit.map_or(0.0, |log_likelihood| math::exp(log_likelihood - highest))));
     weights.push(math::exp(rules.log_unexplained_density - highest));
     highest
 }

@@ -41,10 +41,15 @@ pub(super) fn add_detection_odds(settings: &Settings, landmarks: &mut Landmarks,
     let Some(detection) = settings.config.association.detection_of_all_in_view() else { return };
     let Some(existence) = &mut landmarks.existence else { return };
     let log_odds = existence.read(slot).column(1);
-    for (value, log_odds) in evidence.iter_mut().zip(log_odds) {
-        let seen = math::logistic(*log_odds) * detection;
-        *value += math::ln(seen / (1.0 - seen));
-    }
+    vectorized(
+        #[inline(always)]
+        || {
+            for (value, log_odds) in evidence.iter_mut().zip(log_odds) {
+                let seen = math::logistic(*log_odds) * detection;
+                *value += math::ln(seen / (1.0 - seen));
+            }
+        },
+    );
 }
 
 /// Whether the best particle's landmark, seen so often, counts as real.

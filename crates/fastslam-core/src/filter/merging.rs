@@ -16,6 +16,7 @@ use crate::gaussian::{Gaussian, GaussianOf};
 use crate::landmark::{column, Planar};
 use crate::smoothing::RARE;
 use crate::store::Rows;
+use std::cell::LazyCell;
 
 /// Duplicates are looked for in every so many steps.
 const PERIOD: u64 = 8;
@@ -98,12 +99,16 @@ impl<'a> Unions<'a> {
         if self.maps.given.of(births[1]).is_some() {
             return 0;
         }
+        let together = f64::from(self.merger.together(births[0], births[1]));
+        let sighted = landmarks.read(younger).column(column::SIGHTINGS);
+        if sighted.iter().all(|sightings| are_two(together, *sightings)) {
+            return 0;
+        }
         let (n, columns) = (self.maps.particles.len(), landmarks.columns());
-        let copy = |rows: Rows<'_>| (0..columns).flat_map(|c| rows.column(c).to_vec()).collect::<Vec<_>>();
+        let copy = |rows: Rows<'_>| (0..columns).map(|c| rows.column(c)).collect::<Vec<_>>().concat();
         let (old, young) = (copy(landmarks.read(older)), copy(landmarks.read(younger)));
         let (old, young) = (Rows::new(&old, n), Rows::new(&young, n));
-        let together = self.merger.together(births[0], births[1]);
-        let Some(union) = self.union(&old, &young, f64::from(together)) else { return 0 };
+        let Some(union) = self.union(&old, &young, together) else { return 0 };
         if !self.maps.is_fixed(older) {
             let unsure = self.settings.tolerance_std_m > 0.0;
             self.maps.landmarks.update(older, Some(&union.touched()), |mut rows| {
@@ -166,14 +171,14 @@ impl<'a> Unions<'a> {
         let tolerance = self.settings.tolerance_std_m * self.settings.tolerance_std_m;
         let has_names = self.maps.landmarks.columns() > column::IDENTITY;
         let named = |i: usize| has_names && young.column(column::IDENTITY)[i] != 0.0;
-        let elsewhere = average(old, n);
+        let elsewhere = LazyCell::new(|| average(old, n));
         let mut union = Union { moved: vec![false; n], fused: vec![false; n] };
         for i in (0..n).filter(|i| !named(*i)) {
             let Some(b) = Planar::gaussian_in::<Gaussian>(young, i) else { continue };
             let own = Planar::gaussian_in(old, i);
-            let Some(a) = own.or(elsewhere) else { continue };
+            let Some(a) = own.or_else(|| *elsewhere) else { continue };
             let sightings = young.column(column::SIGHTINGS)[i];
-            if together * RARE > sightings {
+            if are_two(together, sightings) {
                 continue;
             }
             if a.distance_squared(&b, tolerance) <= gate {
@@ -183,6 +188,11 @@ impl<'a> Unions<'a> {
         }
         (union.moved.contains(&true) || union.fused.contains(&true)).then_some(union)
     }
+}
+
+/// Whether landmarks that were sighted together in so many scans are two things, the younger with so many sightings.
+fn are_two(together: f64, sightings: f64) -> bool {
+    together * RARE > sightings
 }
 
 /// The better of the two beliefs that a merged landmark exists.

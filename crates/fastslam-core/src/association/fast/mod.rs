@@ -14,12 +14,14 @@ use crate::geometry::Pose;
 use crate::landmark::column;
 use crate::measurement::Placing;
 use crate::sighting::{Measured, ScanSighting};
-use crate::vector::vectorized;
 pub use lanes::BLOCK;
 use lanes::{rank, Best, Candidate, Column, Lanes, Sight, ZERO};
 
 /// Passes go over a multiple of this many particles, so that no vector unit has a remainder to do one by one.
 const VECTOR: usize = 8;
+
+/// Scans of more sightings than this are sorted particle by particle: counting costs the square of the sightings.
+const MOST_COUNTED: usize = 128;
 
 /// A scan and what it is compared with.
 #[derive(Debug)]
@@ -66,6 +68,8 @@ pub struct Workspace {
     margins: Vec<[i64; BLOCK]>,
     /// Per rank, which sighting each particle decides then.
     order: Vec<[u32; BLOCK]>,
+    /// Margins of one particle that ascend where they descend, with the sightings.
+    keys: Vec<(i64, u32)>,
 }
 
 /// In which order the particles of a block decide.
@@ -98,10 +102,10 @@ pub fn decide_block<M: Placing>(
     let Answers { mut beliefs, decisions, log_likelihood } = answers;
     let count = log_likelihood.len().min(BLOCK);
     let tail = question.scan.first().map_or(Tail::Gaussian, |sighting| sighting.measured.tail);
-    let mut block = Block { question, tail, first, count, workspace };
-    vectorized(
+    tail.vectorized(
         #[inline(always)]
-        || {
+        |tail| {
+            let mut block = Block { question, tail, first, count, workspace };
             block.load(&beliefs);
             let order = block.put_in_order();
             for rank in 0..question.scan.len() {
@@ -169,17 +173,18 @@ impl<M: Placing> Block<'_, '_, M> {
     /// Compares every sighting with every candidate of its own, by the beliefs before the scan.
     #[inline(always)]
     fn compare_all(&mut self, certain: bool) {
-        let (width, Question { model, scan, .. }) = (self.width(), self.question);
+        let (width, tail, Question { model, scan, .. }) = (self.width(), self.tail, self.question);
         let Workspace { lanes, candidates, pairs, first_pair, fits, .. } = &mut *self.workspace;
         fits.resize(pairs.len(), [ZERO; 2]);
         for (sighting, range) in scan.iter().zip(first_pair.windows(2)) {
             let range = range[0] as usize..range[1] as usize;
+            let measured = Measured { tail, ..sighting.measured };
             for (candidate, fit) in pairs[range.clone()].iter().zip(&mut fits[range]) {
                 let candidate = &candidates[*candidate as usize];
                 if certain {
-                    lanes.compare_certain(width, *model, &sighting.measured, candidate, fit);
+                    lanes.compare_certain(width, *model, &measured, candidate, fit);
                 } else {
-                    lanes.compare(width, *model, &sighting.measured, candidate, fit);
+                    lanes.compare(width, *model, &measured, candidate, fit);
                 }
             }
         }
@@ -204,15 +209,31 @@ impl<M: Placing> Block<'_, '_, M> {
             let Workspace { best, margins, lanes, .. } = &mut *self.workspace;
             best.margins(width, self.question.rules.log_unexplained_density, &lanes.uncertain, &mut margins[j]);
         }
-        let Workspace { margins, order, .. } = &mut *self.workspace;
+        self.rank_all();
+        Order::Own
+    }
+
+    /// Puts the sightings of each particle in order, the largest margin first; of equal ones the earlier first.
+    #[inline(always)]
+    fn rank_all(&mut self) {
+        let (sightings, count) = (self.question.scan.len(), self.count);
+        let Workspace { margins, order, keys, .. } = &mut *self.workspace;
+        if sightings > MOST_COUNTED {
+            for i in 0..count {
+                keys.clear();
+                keys.extend(margins[..sightings].iter().zip(0..).map(|(margins, j)| (!margins[i], j)));
+                keys.sort_unstable();
+                order.iter_mut().zip(&*keys).for_each(|(order, (_, j))| order[i] = *j);
+            }
+            return;
+        }
         let mut ranks = [0; BLOCK];
         for j in 0..sightings {
             rank(&margins[..sightings], j, &mut ranks);
-            for (i, rank) in ranks[..self.count].iter().enumerate() {
+            for (i, rank) in ranks[..count].iter().enumerate() {
                 order[*rank as usize][i] = j as u32;
             }
         }
-        Order::Own
     }
 
     /// The best candidate of a sighting by the beliefs before the scan.

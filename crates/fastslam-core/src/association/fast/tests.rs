@@ -166,7 +166,8 @@ fn a_block_decides_as_its_particles_do_one_by_one() {
             if pick % 3 == 0 { AssociationOrder::Given } else { AssociationOrder::LeastAmbiguousFirst };
         config.filter.likelihood_exponent = if draws.chance(0.5) { 1.0 } else { 0.4 };
         let tail = if draws.chance(0.5) { Tail::Gaussian } else { Tail::StudentT(4.0) };
-        let (particles, sightings) = (1 + draws.below(150), 1 + draws.below(7));
+        let particles = 1 + draws.below(150);
+        let sightings = if case % 40 == 7 { MOST_COUNTED + 1 } else { 1 + draws.below(7) };
         let certain = [0.0, 1.0, 0.3][draws.below(3)];
         let table = random_table(&mut draws, particles, sightings);
         let scan = random_scan(&mut draws, sightings, tail);
