@@ -7,6 +7,7 @@
 
 #![allow(clippy::expect_used, missing_docs)] // A benchmark that cannot run says so by failing.
 
+use fastslam_core::association::{ExistenceForm, MergingRule, Method, Removal};
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities, Sighting};
 use fastslam_core::geometry::Symmetric2;
@@ -28,7 +29,12 @@ const LANDMARKS: u32 = 64;
 const SCAN_PERIOD_S: f64 = 0.1;
 /// Growth of a count that fails.
 const TOLERANCE: f64 = 0.03;
-const KERNELS: [&str; 5] = ["correction", "known 1.0", "known 2.0", "unknown 1.0", "unknown 2.0"];
+const KERNELS: [&str; 8] =
+    ["correction", "known 1.0", "known 2.0", "unknown 1.0", "unknown 2.0", "large scan", "small scan", "draw"];
+/// Sightings of a large scan.
+const LARGE_SCAN: u32 = 500;
+/// Steps before the first draw.
+const DRAWN_STEPS: u32 = 50;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
@@ -46,6 +52,9 @@ fn run(kernel: &str, repetitions: u32) {
         "known 1.0" => step(Algorithm::Fastslam1, Identities::All, repetitions),
         "known 2.0" => step(Algorithm::Fastslam2, Identities::All, repetitions),
         "unknown 1.0" => step(Algorithm::Fastslam1, Identities::None, repetitions),
+        "large scan" => scan_all(repetitions),
+        "small scan" => scan_one(repetitions),
+        "draw" => draw(repetitions),
         _ => step(Algorithm::Fastslam2, Identities::None, repetitions),
     }
 }
@@ -68,28 +77,86 @@ fn correct(repetitions: u32) {
     black_box(log_likelihood);
 }
 
-/// Whole steps at rest: motion, a scan, weights, resampling below half of the particles.
-fn step(algorithm: Algorithm, identities: Identities, repetitions: u32) {
+/// A robot at rest.
+fn config(algorithm: Algorithm) -> Config {
     let mut config = Config { algorithm, seed: 1, ..Config::default() };
     config.filter.particles = PARTICLES as u32;
-    // The plain filter: what draws cost is measured elsewhere.
+    // The plain filter: what draws cost is measured apart.
     config.filter.rejuvenation.every_steps = Some(0);
     config.sensor.change(|s| s.max_range_m = 100.0);
     config.motion = Motion::Velocity(Velocity { noise_period_s: Some(0.1), ..Velocity::default() });
+    config
+}
+
+/// Landmark `n` of rings of so many landmarks, some metres apart.
+fn sighting(n: u32, around: u32, apart_m: f64) -> Sighting {
+    let (ring, place) = (n / around, n % around);
+    let bearing_rad = std::f64::consts::TAU * (f64::from(place) / f64::from(around) - 0.49);
+    let noise = Some(Symmetric2::new(0.01, 0.0, 4e-4));
+    Sighting { noise, ..Sighting::range_bearing(10.0 + apart_m * f64::from(ring), bearing_rad, None) }
+}
+
+/// Scan `step` of eight of all landmarks.
+fn some(step: u32, identities: Identities) -> Vec<Sighting> {
+    let named = |n: u32| Sighting { identity: (identities == Identities::All).then_some(n), ..sighting(n, 16, 6.0) };
+    (0..SCAN).map(|j| named((7 * step + 13 * j) % LANDMARKS)).collect()
+}
+
+/// A filter that has seen these landmarks once.
+fn begun(config: Config, identities: Identities, everything: &[Sighting]) -> FastSlam {
     let mut filter = FastSlam::new(config, identities).expect("a valid configuration");
-    let sighting = |n: u32| {
-        let (ring, place) = (n / 16, n % 16);
-        let bearing_rad = std::f64::consts::TAU * (f64::from(place) / 16.0 - 0.49);
-        let identity = (identities == Identities::All).then_some(n);
-        let noise = Some(Symmetric2::new(0.01, 0.0, 4e-4));
-        Sighting { noise, ..Sighting::range_bearing(10.0 + 6.0 * f64::from(ring), bearing_rad, identity) }
-    };
-    let everything: Vec<Sighting> = (0..LANDMARKS).map(sighting).collect();
-    filter.update(0.0, &everything).expect("new landmarks");
+    filter.update(0.0, everything).expect("new landmarks");
+    filter
+}
+
+/// Whole steps: motion, a scan, weights, resampling below half of the particles.
+fn steps(filter: &mut FastSlam, repetitions: u32, scan: impl Fn(u32) -> Vec<Sighting>) {
     for step in 1..=repetitions {
         filter.predict([0.0; 3], 0.01).expect("a valid control");
-        let scan: Vec<Sighting> = (0..SCAN).map(|j| sighting((7 * step + 13 * j) % LANDMARKS)).collect();
-        black_box(filter.update(SCAN_PERIOD_S * f64::from(step), &scan).expect("explained"));
+        black_box(filter.update(SCAN_PERIOD_S * f64::from(step), &scan(step)).expect("explained"));
+    }
+}
+
+fn step(algorithm: Algorithm, identities: Identities, repetitions: u32) {
+    let named = |n| Sighting { identity: (identities == Identities::All).then_some(n), ..sighting(n, 16, 6.0) };
+    let everything: Vec<Sighting> = (0..LANDMARKS).map(named).collect();
+    let mut filter = begun(config(algorithm), identities, &everything);
+    steps(&mut filter, repetitions, |step| some(step, identities));
+}
+
+/// Steps that see many landmarks at once.
+fn scan_all(repetitions: u32) {
+    let everything: Vec<Sighting> = (0..LARGE_SCAN).map(|n| sighting(n, 50, 3.0)).collect();
+    let mut filter = begun(config(Algorithm::Fastslam2), Identities::None, &everything);
+    steps(&mut filter, repetitions, |_| everything.clone());
+}
+
+/// Steps that see one landmark: drawn associations, odds that landmarks exist, and those that are one.
+fn scan_one(repetitions: u32) {
+    let mut settings = config(Algorithm::Fastslam2);
+    let association = &mut settings.association;
+    association.method = Method::Sampled;
+    association.detection_probability = Some(0.3);
+    association.clutter_density = Some(1e-3);
+    association.new_landmark_density = Some(1e-3);
+    association.existence.form = ExistenceForm::Bayes;
+    association.existence.removal = Removal::WhenMissed;
+    association.merging.rule = MergingRule::Nearby;
+    let everything: Vec<Sighting> = (0..LANDMARKS).map(|n| sighting(n, 16, 6.0)).collect();
+    let mut filter = begun(settings, Identities::None, &everything);
+    steps(&mut filter, repetitions, |step| vec![sighting(7 * step % LANDMARKS, 16, 6.0)]);
+}
+
+/// Draws of the whole path of fifty steps or some more, with landmarks given each.
+fn draw(repetitions: u32) {
+    let mut settings = config(Algorithm::Fastslam2);
+    settings.filter.rejuvenation.every_steps = Some(u32::MAX);
+    let mut filter = FastSlam::new(settings, Identities::All).expect("a valid configuration");
+    steps(&mut filter, DRAWN_STEPS, |step| some(step, Identities::All));
+    for step in DRAWN_STEPS + 1..=DRAWN_STEPS + repetitions {
+        let stamp_s = SCAN_PERIOD_S * f64::from(step);
+        filter.update(stamp_s, &some(step, Identities::All)).expect("explained");
+        assert!(filter.rejuvenate(), "a draw");
     }
 }
 
@@ -129,6 +196,10 @@ fn compare(bless: bool) {
             None => println!("{kernel:>22} {now:8.1}  skipped: the baseline has no count for this vector unit"),
         }
     }
+    let of = |kernel: &str| counts.get(&format!("{level} {kernel}"));
+    if let (Some(large), Some(ordinary)) = (of("large scan"), of("unknown 2.0")) {
+        println!("a sighting of {LARGE_SCAN} costs {:.2} times one of {SCAN}", large / ordinary);
+    }
     if grown {
         eprintln!("a count has grown by more than {} %; if that is meant, run with --bless", 100.0 * TOLERANCE);
         exit(1);
@@ -137,9 +208,14 @@ fn compare(bless: bool) {
 
 /// Instructions of one more repetition, per particle and sighting: start and preparation cancel out.
 fn count(kernel: &str) -> Option<f64> {
-    let (few, many) = (20, 60);
+    let ([few, many], sightings) = match kernel {
+        "large scan" => ([1, 2], LARGE_SCAN),
+        "small scan" => ([20, 60], 1),
+        "draw" => ([1, 5], SCAN * DRAWN_STEPS),
+        _ => ([20, 60], SCAN),
+    };
     let total = |repetitions| watched(kernel, repetitions).map(|(instructions, _)| instructions);
-    Some((total(many)? - total(few)?) / (f64::from(many - few) * f64::from(SCAN) * PARTICLES as f64))
+    Some((total(many)? - total(few)?) / (f64::from(many - few) * f64::from(sightings) * PARTICLES as f64))
 }
 
 /// Instructions of this program with one kernel under valgrind, and what it printed.
