@@ -74,7 +74,7 @@ FAULTS = [
     ("sightings.csv", None, r"the file sightings\.csv of a native log is missing"),
     ("log.yaml", "", r"log\.yaml: got no settings"),
     ("log.yaml", "a: 1\nb: c: 2\n", r"log\.yaml:2: is not valid YAML"),
-    ("log.yaml", YAML + "sensors: 1\n", r"unknown key sensors, did you mean sensor\?"),
+    ("log.yaml", YAML + "sensro: 1\n", r"unknown key sensro, did you mean sensor\?"),
     ("log.yaml", YAML.replace("version: 1", "version: 2"), r"format_version: got 2, expected 1"),
     ("log.yaml", YAML.replace("velocity", "velocty"), r"motion\.model: got velocty, expected velocity or"),
     ("log.yaml", YAML.replace("range_bearing", "sonar"), r"sensor\.model: got sonar, expected range_bearing"),

@@ -3,6 +3,9 @@
 from collections.abc import Callable
 from typing import Any, TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .log import Bools, Floats, Ints, Ranges
 from .sensors import Adapter
 
@@ -63,13 +66,8 @@ def run(
     control_stamps_s: Floats,
     controls: Floats,
     sighting_stamps_s: Floats,
-    range_m: Floats,
-    bearing_rad: Floats,
-    identity: Ints,
-    noise: Floats | None = None,
+    scan: _ScanColumns,
     progress: Callable[[int, int], None] | None = None,
-    class_index: Ints | None = None,
-    signature: Floats | None = None,
     control_covariance: Floats | None = None,
     checkpoint: Callable[[bytes], None] | None = None,
     checkpoint_every_s: float = 60.0,
@@ -78,6 +76,7 @@ def run(
     start: _Start | None = None,
     watch: Callable[..., tuple[float, float]] | None = None,
     sensor: Adapter | None = None,
+    by: NDArray[np.uint8] | None = None,
 ) -> dict[str, Any]:
     """Runs the filter over a log, or goes on from a snapshot (`resume`) that `checkpoint` got.
 
@@ -171,7 +170,7 @@ class Filter:
 
     def save(self, note: str) -> bytes: ...
     def predict(self, control: list[float], dt_s: float) -> None: ...
-    def update(self, stamp_s: float, scan: _ScanColumns) -> dict[str, Any]: ...
+    def update(self, stamp_s: float, scan: _ScanColumns, by: int = 0) -> dict[str, Any]: ...
     def step(
         self, control: list[float], dt_s: float, stamp_s: float, scan: _ScanColumns
     ) -> dict[str, Any]: ...
@@ -256,7 +255,7 @@ class Stream:
     def odometry(
         self, stamp_s: float, control: list[float], covariance: list[list[float]] | None = None
     ) -> str: ...
-    def sightings(self, stamp_s: float, scan: _ScanColumns) -> str: ...
+    def sightings(self, stamp_s: float, scan: _ScanColumns, by: int = 0) -> str: ...
     def scan_with(self, detector_json: str, geometry_json: str) -> None:
         """From here on scans of a laser are taken. ValueError for settings or a geometry that are none."""
 

@@ -158,7 +158,8 @@ def _shared(
 
 def _keys_of_child(root: Node, child: tuple[str, Node], defaults: Any, walk: _Walk) -> Iterator[KeyInfo]:
     name, node = child[0], _expand(root, child[1])
-    default = node.get("default")
+    # What may hold any number of sections is empty by default.
+    default = node.get("default", {} if node.get("additionalProperties") else None)
     if isinstance(defaults, Mapping) and name in defaults:
         default = defaults[name]
     if "properties" in node or _kinds(root, node):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,11 +23,11 @@ def log_from_arrays(
     controls: tuple[ArrayLike, ArrayLike],
     sightings: tuple[ArrayLike, ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike],
     *,
-    identities: Sequence[object] | None = None,
+    names: tuple[Sequence[object] | None, Sequence[object] | None] = (None, None),
     config: Mapping[str, Any] | None = None,
     name: str = "arrays",
 ) -> Log:
-    """See `Log.from_arrays`."""
+    """See `Log.from_arrays`; `names` are those of landmarks and of sensors."""
     stamps, table = _parts("controls", controls, ("stamp_s", "values"))
     stamp_s, values = _stamps("controls", stamps), _table("controls: values", table)
     if len(stamp_s) != len(values):
@@ -36,12 +37,15 @@ def log_from_arrays(
         raise DataError(f"controls: stamp_s must grow, but row {row} ({stamp_s[row]:g}) does not")
     sensor = (config or {}).get("sensor")
     measures = measured_columns(sensor.get("model") if isinstance(sensor, Mapping) else None)
-    names = ("stamp_s", *measures)
-    seen_stamps, *rest = _parts("sightings", sightings, names)
+    keys = ("stamp_s", *measures)
+    seen_stamps, *rest = _parts("sightings", sightings, keys)
     columns = [_stamps("sightings", seen_stamps)]
-    columns += [_column(f"sightings: {key}", value) for key, value in zip(names[1:], rest, strict=True)]
-    given = [None] * len(columns[0]) if identities is None else _listed("identities", identities)
-    lengths = {len(column) for column in (*columns, given)}
+    columns += [_column(f"sightings: {key}", value) for key, value in zip(keys[1:], rest, strict=True)]
+    given, makers = (
+        [None] * len(columns[0]) if column is None else _listed(what, column)
+        for what, column in zip(("identities", "sensors"), names, strict=True)
+    )
+    lengths = {len(column) for column in (*columns, given, makers)}
     if len(lengths) > 1:
         raise DataError(f"sightings: arrays and identities must be of one length, got {sorted(lengths)}")
     measured = dict(zip(measures, columns[1:], strict=True))
@@ -54,6 +58,7 @@ def log_from_arrays(
         raise DataError(f"sightings: bearing_rad: {DEGREES_HINT}")
     order = np.argsort(columns[0], kind="stable")
     identity, known = _identities(given)
+    maker, sensor_names = _identities(makers)
     seen = Sightings(
         stamp_s=columns[0][order],
         range_m=range_m[order],
@@ -61,8 +66,11 @@ def log_from_arrays(
         identity=identity[order],
         class_index=np.full(len(order), -1, dtype=np.int64),
         signature=np.full(len(order), np.nan),
+        sensor_index=maker[order] if sensor_names else None,
     )
-    return Log(name, _SOURCE, "native", Controls(stamp_s, values), seen, known, config=dict(config or {}))
+    controls_of_log, settings = Controls(stamp_s, values), dict(config or {})
+    log = Log(name, _SOURCE, "native", controls_of_log, seen, known, config=settings)
+    return replace(log, sensor_names=sensor_names)
 
 
 def _parts(what: str, given: object, names: tuple[str, ...]) -> list[Any]:

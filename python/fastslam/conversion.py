@@ -17,6 +17,7 @@ from .detection import with_sightings
 from .errors import DataError
 from .log import Log, TruthTrajectory
 from .runner import configure
+from .several import refuse_several
 
 
 def convert(source: Log | Path | str, target: Path | str, *, to: str | None = None) -> Path:
@@ -48,6 +49,7 @@ def format_of(target: Path) -> str:
 def _write_g2o(log: Log, target: Path) -> None:
     log = with_sightings(log)
     config = configure(log)
+    refuse_several(config, "g2o")
     mounting = config["sensor"]["mounting"]
     text = g2o_text(
         log,

@@ -13,6 +13,7 @@ from .config import Config
 from .errors import DataError
 from .log import Floats, Ints, Log, Scans, Sightings
 from .settings import Layer, Schema, Settings
+from .several import refuse_several
 
 SCHEMA = Schema(_core.detector_schema, _core.resolve_detector, explained_by="docs/detectors.md")
 """The settings of the detectors."""
@@ -136,6 +137,7 @@ def with_sightings(log: Log) -> Log:
 
 def _settings_with(log: Log, scans: Scans) -> dict[str, Any]:
     """The log's settings once landmarks are detected in the scans."""
+    refuse_several(log.config, "the scans of a laser")
     sensor = {**log.config.get("sensor", {}), "mounting": _mounting(scans)}
     association = {**log.config.get("association", {}), "mode": "unknown"}
     return {**log.config, "sensor": sensor, "association": association}

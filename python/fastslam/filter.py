@@ -27,6 +27,7 @@ from .result import LandmarkMap, StepFields, Trajectory
 from .scan_call import Identity, Scan, checked_scan, column, measured_scan, number
 from .sensors import Adapter, Sensor, adapted, own_layer
 from .settings import Layer
+from .several import sensor_number
 
 
 @dataclass(frozen=True)
@@ -190,23 +191,27 @@ class FastSlam:
         covariance: ArrayLike | None = None,
         class_index: ArrayLike | None = None,
         signature: ArrayLike | None = None,
+        sensor: str | None = None,
     ) -> StepInfo:
         """Corrects with the sightings of one scan, in the sensor's frame; none at all is a scan too.
+
+        `sensor` names the one that made it where the configuration has several (`sensors`); two that look at
+        one moment make two scans.
 
         Shapes: all (S,), of range and bearing those that the sensor measures; `covariance` (S, 3) is that of
         each range and bearing as (m², m·rad, rad²), NaN where the sensor's own noise holds. `class_index`
         (-1: none) and `signature` (NaN: none) count where `association.classes` and `association.signatures`
         are configured. Errors: `DataError` for columns of different lengths, bearings in degrees, a
         covariance that is none, a class that is not configured, a stamp before the last one or before the
-        end of the last control, or an identity that is neither name nor number; `NumericalError` when no
-        particle can explain the scan.
+        end of the last control, a sensor that there is not, or an identity that is neither name nor number;
+        `NumericalError` when no particle can explain the scan.
         """
         measured = self._measured(range_m, bearing_rad)
         scan = checked_scan(self.config, measured, identity, covariance, class_index, signature)
-        stamp = number("stamp_s", stamp_s)
+        stamp, by = number("stamp_s", stamp_s), sensor_number(self.config, sensor)
         with self._lock:
             self._check_stamp(stamp)
-            return self._told(stamp, scan, lambda columns: self._filter.update(stamp, columns))
+            return self._told(stamp, scan, lambda columns: self._filter.update(stamp, columns, by))
 
     def step(
         self,
@@ -219,8 +224,9 @@ class FastSlam:
     ) -> StepInfo:
         """`predict`, then `update` at the time that the controls since the last update (or 0) add up to.
 
-        Where the scan is refused the robot has not moved either.
+        Where the scan is refused the robot has not moved either. For one sensor.
         """
+        sensor_number(self.config, None)
         values, seconds = self._control(control), number("dt_s", dt_s)
         seen = range_m is not None or bearing_rad is not None
         measured = self._measured(range_m, bearing_rad) if seen else self._measured((), ())

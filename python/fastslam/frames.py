@@ -36,11 +36,13 @@ def log_from_frames(
     """See `Log.from_dataframe`."""
     if config is not None and not isinstance(config, Mapping):
         raise ConfigError(f"config: got {shown(config)}, expected a mapping such as log.yaml holds")
-    given = {"format_version": 1, **_MODELS, **(config or {})}
+    models = {} if "sensors" in (config or {}) else _MODELS
+    given = {"format_version": 1, **models, **(config or {})}
     try:
         settings = checked_settings(given, Path("config"), {})
-        measures = measured_columns(settings.config["sensor"].get("model"))
-        seen = sightings_of(frame_table(sightings, "sightings"), measures=measures)
+        measures = measured_columns(settings.config.get("sensor", {}).get("model"))
+        sensors = sorted(settings.config.get("sensors", {}))
+        seen = sightings_of(frame_table(sightings, "sightings"), measures=measures, sensors=sensors)
         moved = odometry_of(
             frame_table(odometry, "odometry"), model=settings.motion_model, wheels=settings.wheels
         )
@@ -57,6 +59,7 @@ def log_from_frames(
         sightings=seen.sightings,
         identity_names=seen.identity_names,
         class_names=seen.class_names,
+        sensor_names=seen.sensor_names,
         config={"motion": {"model": moved.model}} | settings.config,
         problems=problems,
         notes=tuple(

@@ -23,7 +23,7 @@ SEARCHING = "searching"
 LEAST_PROBABILITY = 1e-3
 MOST_MODES = 20
 """Places that are less likely, or more of them, are not told."""
-KEYS = {"odom": ("cov",), "see": (), "scan": ("echo",)}
+KEYS = {"odom": ("cov",), "see": ("sensor",), "scan": ("echo",)}
 """What a line may tell at `t`, and what may stand beside each."""
 LONGEST_LINE = 1_000_000
 """Characters; a longer line is no event."""
@@ -197,8 +197,8 @@ def session_of(robot: Robot, *, rate_hz: float) -> Session:
 
 
 def tell(robot: Robot, line: str) -> tuple[Step, ...]:
-    """Tells a robot one line: `{"t": 12.3, "odom": [...]}`, `{"t": 12.2, "see": [[r, b, "name"], ...]}`, or a
-    turn of its laser, `{"t": 12.2, "scan": [r, null, ...]}`.
+    """Tells a robot one line: `{"t": 12.3, "odom": [...]}`, `{"t": 12.2, "see": [[r, b, "name"], ...]}`
+    (with `"sensor": "rear"` where it has several), or a turn of its laser, `{"t": 12.2, "scan": [r, ...]}`.
 
     Errors: `DataError` for a line that is no event; the robot is as it was.
     """
@@ -220,6 +220,7 @@ def tell(robot: Robot, line: str) -> tuple[Step, ...]:
         bearing_rad=[bearing_rad for _, bearing_rad, _ in seen],
         identity=labels if named else None,
         class_name=None if named else labels,
+        sensor=_sensor(event.get("sensor")),
     )
 
 
@@ -245,6 +246,12 @@ def _event(line: str) -> dict[str, Any]:
 def _list(key: str, value: object) -> list[Any]:
     if not isinstance(value, list):
         raise DataError(f"{key}: got {shown(value)}, expected a list")
+    return value
+
+
+def _sensor(value: object) -> str | None:
+    if value is not None and not isinstance(value, str):
+        raise DataError(f"sensor: got {shown(value)}, expected a name")
     return value
 
 

@@ -18,6 +18,7 @@ from .maps import Anywhere, Map, Start, StartLike
 from .result import LandmarkMap, RunResult
 from .runner import Progress, configure, run
 from .settings import Layer
+from .several import refuse_several
 
 if TYPE_CHECKING:
     from .placement import Constellation, Placement, View
@@ -122,6 +123,7 @@ def find(log: Log, chart: Map, *, config: Layer | None = None) -> Localisation:
     The robot makes a map of its own, which grows until it fits into the map at one place alone.
     """
     configuration = configure(log, config or {})
+    refuse_several(configuration, "localize")
     search = Search(chart, configuration)
     window_s = 0.0
     for window_s in _windows(log):

@@ -42,13 +42,14 @@ class Controls:
 
 @dataclass(frozen=True)
 class Sightings:
-    """Detections of point landmarks in the sensor frame, in time order; equal stamps are one step.
+    """Detections of point landmarks in the sensor frame, in time order; equal stamps of a sensor are a step.
 
     Shapes: all (S,). `identity` indexes `Log.identity_names`; -1 where nobody says which landmark it is.
     `class_index` indexes `Log.class_names` (-1: none); `signature` is a scalar such as a trunk's diameter in
     metres (NaN: none). `bearing_rad` is NaN throughout where the sensor measures ranges alone. `covariance`
     (S, 3) is that of each range and bearing, as (m², m·rad, rad²), where the source of the sightings knows
-    it; None or NaN leaves it to the sensor settings.
+    it; None or NaN leaves it to the sensor settings. `sensor_index` indexes `Log.sensor_names` where the
+    robot has several sensors (`sensors` in the configuration; -1: not said).
     """
 
     stamp_s: Floats
@@ -58,6 +59,20 @@ class Sightings:
     class_index: Ints
     signature: Floats
     covariance: Floats | None = None
+    sensor_index: Ints | None = None
+
+    def __getitem__(self, rows: slice | Ints | Bools) -> Sightings:
+        """Some of them, by mask, indices or slice, in that order."""
+        return Sightings(
+            stamp_s=self.stamp_s[rows],
+            range_m=self.range_m[rows],
+            bearing_rad=self.bearing_rad[rows],
+            identity=self.identity[rows],
+            class_index=self.class_index[rows],
+            signature=self.signature[rows],
+            covariance=None if self.covariance is None else self.covariance[rows],
+            sensor_index=None if self.sensor_index is None else self.sensor_index[rows],
+        )
 
 
 @dataclass(frozen=True)
@@ -158,6 +173,8 @@ class Log:
     sightings: Sightings
     identity_names: tuple[str, ...] = ()
     class_names: tuple[str, ...] = ()
+    sensor_names: tuple[str, ...] = ()
+    """Of the sensors that made the sightings, where these say it."""
     truth_trajectory: TruthTrajectory | None = None
     truth_landmarks: TruthLandmarks | None = None
     position_fixes: PositionFixes | None = None
@@ -178,6 +195,7 @@ class Log:
         sightings: tuple[ArrayLike, ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike],
         *,
         identities: Sequence[object] | None = None,
+        sensors: Sequence[str] | None = None,
         config: Mapping[str, Any] | None = None,
         name: str = "arrays",
     ) -> Log:
@@ -186,7 +204,8 @@ class Log:
         `controls` are `stamp_s` (N,), which grows, and values (N, 2) or (N, 3), as the motion model of
         `config` takes them (see `Controls`). `sightings` are `stamp_s`, `range_m`, `bearing_rad`, all (S,),
         in any order; without bearings where `config` has `sensor: {model: range}`. `identities` (S) names the
-        landmark of each; None, NaN or the empty text where unknown.
+        landmark of each; None, NaN or the empty text where unknown. `sensors` (S) names the sensor that made
+        each where `config` has several (`sensors`).
 
         >>> log = Log.from_arrays(
         ...     ([0.0, 0.1], [[1.0, 0.0], [1.0, 0.2]]), ([0.1], [4.2], [0.3]), identities=["post"]
@@ -198,7 +217,8 @@ class Log:
         """
         from .arrays import log_from_arrays
 
-        return log_from_arrays(controls, sightings, identities=identities, config=config, name=name)
+        names = (identities, sensors)
+        return log_from_arrays(controls, sightings, names=names, config=config, name=name)
 
     @classmethod
     def from_dataframe(

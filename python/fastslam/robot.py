@@ -33,6 +33,7 @@ from .scan_call import (
 from .scanner import Scanner, checked_turn
 from .sensors import Sensor, adapted, own_layer
 from .settings import Layer
+from .several import each_sensor, refuse_several, sensor_number
 from .window import Step as Step
 from .window import Window as Window
 
@@ -107,6 +108,10 @@ class Robot:
         self._adapter = adapted(sensor)
         chosen = window or Window()
         chart = Map.load(map) if isinstance(map, Path | str) else map
+        if chart is not None:
+            refuse_several(self.config, "a robot in a kept map")
+        if scanner is not None:
+            refuse_several(self.config, "turns of a laser (`scanner`)")
         self._kind = identities
         self._window = (number("late_s", chosen.late_s), number("wait_s", chosen.wait_s), chosen.gap_s)
         names: Sequence[str] = ()
@@ -183,13 +188,16 @@ class Robot:
         class_name: Sequence[str | None] | None = None,
         covariance: ArrayLike | None = None,
         signature: ArrayLike | None = None,
+        sensor: str | None = None,
     ) -> tuple[Step, ...]:
-        """Takes all that was seen at one moment, in the sensor's frame; nothing at all is a scan too.
+        """Takes all that a sensor saw at one moment, in its frame; nothing at all is a scan too.
 
         Shapes and errors as of `FastSlam.update`, but that a stamp that goes back is counted and no error;
-        `class_name` is None where there is none. `sensor.delay_s` is taken off the stamp, as in a run.
+        `class_name` is None where there is none, `sensor` names one of several. `sensor.delay_s` is taken off
+        the stamp, as in a run.
         """
-        stamp = self._when_seen(stamp_s)
+        by = sensor_number(self.config, sensor)
+        stamp = self._when_seen(stamp_s, by)
         with self._lock:
             self._check_going_on()
             new_classes, class_index = class_numbers(class_name, self._index_of_class)
@@ -198,7 +206,7 @@ class Robot:
             new_names = scan.new_names(self._index_of)
             columns = scan.columns(ChainMap(new_names, self._index_of))
             names = (new_names, new_classes)
-            return self._taken(Row("sightings", stamp, columns), names)[1]
+            return self._taken(Row("sightings", stamp, columns, by), names)[1]
 
     def scan(
         self, stamp_s: float, ranges_m: ArrayLike, *, intensities: ArrayLike | None = None
@@ -213,8 +221,8 @@ class Robot:
             self._check_going_on()
             return self._taken(Row("scan", stamp, turn))[1]
 
-    def _when_seen(self, stamp_s: float) -> float:
-        stamp, delay_s = checked_stamp(stamp_s), self.config["sensor"]["delay_s"]
+    def _when_seen(self, stamp_s: float, by: int = 0) -> float:
+        stamp, delay_s = checked_stamp(stamp_s), each_sensor(self.config)[by]["delay_s"]
         return stamp - delay_s if delay_s else stamp
 
     def relocalize(self) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from . import _core
 from .log import BeamGeometry, Controls, Floats, Ints, Log, Scans, Sightings
+from .several import each_sensor, sensor_names
 
 _UPPER = np.triu_indices(3)
 
@@ -22,6 +23,8 @@ class Row:
     kind: Literal["odometry", "sightings", "scan"]
     stamp_s: float
     values: tuple[Any, ...]
+    by: int = 0
+    """Number of the sensor."""
 
     def put(self, stream: _core.Stream) -> str:
         """Gives it to a stream; what became of it."""
@@ -30,17 +33,17 @@ class Row:
         if self.kind == "scan":
             return stream.scan(self.stamp_s, *self.values)
         columns: _core._ScanColumns = self.values
-        return stream.sightings(self.stamp_s, columns)
+        return stream.sightings(self.stamp_s, columns, self.by)
 
     def to_json(self) -> list[Any]:
         """As lists and numbers."""
         values = [value.tolist() if isinstance(value, np.ndarray) else value for value in self.values]
-        return [self.kind, self.stamp_s, values]
+        return [self.kind, self.stamp_s, values, *([self.by] if self.by else [])]
 
     @classmethod
     def of_json(cls, kept: list[Any]) -> Row:
         """The inverse of `to_json`."""
-        kind, stamp_s, values = kept
+        kind, stamp_s, values, *by = kept
         if kind == "odometry":
             return cls("odometry", stamp_s, tuple(values))
         if kind == "scan":
@@ -53,7 +56,7 @@ class Row:
         ]
         if columns[3] is not None:
             columns[3] = columns[3].reshape(-1, 3)
-        return cls("sightings", stamp_s, tuple(columns))
+        return cls("sightings", stamp_s, tuple(columns), *by)
 
 
 def log_of(
@@ -66,7 +69,7 @@ def log_of(
 ) -> Log:
     """Rows as a log in time order, without names; `columns` are those of the motion model.
 
-    Streams take `sensor.delay_s` off the stamps of sightings; a log has them as they were reported.
+    Streams take `delay_s` of the sensor off the stamps of sightings; a log has them as they were reported.
     """
     driven = sorted((row for row in rows if row.kind == "odometry"), key=lambda row: row.stamp_s)
     scans = sorted((row for row in rows if row.kind == "sightings"), key=lambda row: row.stamp_s)
@@ -88,23 +91,30 @@ def log_of(
     def whole(place: int) -> Ints:
         return column(place, -1.0).astype(np.int64)
 
-    delay_s = config["sensor"]["delay_s"]
+    names, delays_s = sensor_names(config), [sensor["delay_s"] for sensor in each_sensor(config)]
+    stamps_s = [row.stamp_s + delays_s[row.by] for row in scans]
     sightings = Sightings(
-        stamp_s=np.repeat([row.stamp_s + delay_s for row in scans], sizes) if scans else np.empty(0),
+        stamp_s=np.repeat(stamps_s, sizes) if scans else np.empty(0),
         range_m=column(0, np.nan),
         bearing_rad=column(1, np.nan),
         identity=whole(2),
         class_index=whole(4),
         signature=column(5, np.nan),
         covariance=_stated([row.values[3] for row in scans], 3, sizes),
+        sensor_index=np.repeat(np.array([row.by for row in scans], dtype=np.int64), sizes) if names else None,
     )
+    if names:
+        sightings = sightings[np.argsort(sightings.stamp_s, kind="stable")]
     return Log(
         name=name,
         source="a live stream",
         format="native",
         controls=controls,
         sightings=sightings,
-        scans=_scans(turns, delay_s, scanner, config["sensor"]["mounting"]) if scanner and turns else None,
+        sensor_names=names,
+        scans=_scans(turns, delays_s[0], scanner, config["sensor"]["mounting"])
+        if scanner and turns
+        else None,
         config=config,
     )
 

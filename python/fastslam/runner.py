@@ -24,6 +24,7 @@ from .noise import noise_sentences
 from .result import RunResult, Steps, Trajectory
 from .sensors import Sensor, adapted, own_layer
 from .settings import Layer
+from .several import as_the_core_takes, refuse_several
 from .timing import stage
 from .verdict import named_twice, verdict
 
@@ -54,7 +55,8 @@ def configure(log: Log, *layers: Layer) -> Config:
 
 
 def refuse_ranges_alone(config: Mapping[str, Any], who: str) -> None:
-    """Errors: `ConfigError` for a sensor without bearings, whose scale and bias every run learns."""
+    """Errors: `ConfigError` for several sensors, and for one without bearings, which every run calibrates."""
+    refuse_several(config, who)
     model = config["sensor"]["model"]
     if model != "range_bearing":
         raise ConfigError(
@@ -125,8 +127,9 @@ def run(
     log = detected(log)
     adapter = adapted(sensor)
     configuration = configure(log, config or {}, own_layer(sensor))
-    controls, sightings = log.controls, log.sightings
-    delay_s = configuration["sensor"]["delay_s"]
+    if map is not None:
+        refuse_several(configuration, "a kept map")
+    controls, (sightings, by) = log.controls, as_the_core_takes(log, configuration)
     given = Given.of(map, log)
     try:
         with stage("filter"):
@@ -134,14 +137,16 @@ def run(
                 configuration.to_json(),
                 controls.stamp_s,
                 controls.values,
-                sightings.stamp_s - delay_s if delay_s else sightings.stamp_s,
-                sightings.range_m,
-                sightings.bearing_rad,
-                sightings.identity,
-                noise=sightings.covariance,
+                sightings.stamp_s,
+                (
+                    sightings.range_m,
+                    sightings.bearing_rad,
+                    sightings.identity,
+                    sightings.covariance,
+                    sightings.class_index,
+                    sightings.signature,
+                ),
                 progress=progress,
-                class_index=sightings.class_index,
-                signature=sightings.signature,
                 control_covariance=controls.covariance,
                 checkpoint=checkpoints.keep if checkpoints is not None else None,
                 checkpoint_every_s=checkpoints.every_s if checkpoints is not None else 0.0,
@@ -150,6 +155,7 @@ def run(
                 start=core_start(start),
                 watch=None if watch is None else _watched(watch, configuration, log, given),
                 sensor=adapter,
+                by=by,
             )
     except ValueError as error:
         raise DataError(str(error), log.source) from None

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
+
+import numpy as np
 
 from . import _core
 from ._hints import meant
 from .errors import ConfigError
-from .log import BeamGeometry, Controls, Floats, Log, Scans, Sightings, TruthLandmarks, TruthTrajectory
+from .log import BeamGeometry, Controls, Log, Scans, Sightings, TruthLandmarks, TruthTrajectory
 from .measured import measured_alone, measured_columns
 from .settings import Layer, Schema, Settings
+from .several import each_sensor, sensor_names
 
 SCHEMA = Schema(_core.simulation_schema, _core.resolve_simulation, explained_by="fastslam simulate --explain")
 """The settings of a simulation."""
@@ -59,12 +62,12 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
     >>> len(log.truth_landmarks.names), log.controls.values.shape[1]
     (25, 2)
 
-    Landmarks are named by their index. With `sensor.model: range` sightings have no bearing, with
-    `bearing` no range. Errors:
-    `ConfigError` for settings that are out of range or contradict each other (a field too small for its
-    landmarks).
+    Landmarks are named by their index; with `sensors` each sighting names the one that made it. With
+    `sensor.model: range` sightings have no bearing, with `bearing` no range. Errors: `ConfigError`
+    for settings that are out of range or contradict each other (a field too small for its landmarks).
     """
     complete = settings if isinstance(settings, Settings) else SCHEMA.resolve(settings)
+    sensors = sensor_names(complete)
     if complete["sensor"]["model"] == "own":
         raise ConfigError("sensor.model: got own, expected range_bearing, range or bearing for a simulation")
     model = complete["sensor"]["model"]
@@ -82,7 +85,8 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
         source="simulation",
         format="native",
         controls=Controls(columns["control_stamp_s"], columns["controls"]),
-        sightings=_sightings(columns, complete["sensor"]["delay_s"], measured_columns(model)),
+        sightings=_sightings(columns, each_sensor(complete), measured_columns(model)),
+        sensor_names=sensors if len(sensors) > 1 else (),
         # The scans of a laser say nothing of who is who.
         identity_names=names if scans is None else (),
         class_names=tuple(columns["class_names"]),
@@ -91,7 +95,8 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
         scans=scans,
         config={
             "motion": json.loads(columns["motion"]),
-            "sensor": json.loads(columns["sensor"]),
+            **({"sensors": dict(complete["sensors"])} if sensors else {}),
+            **({} if sensors else {"sensor": json.loads(columns["sensor"])}),
             "initial_pose": {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad},
             **(_cone_track(complete) if complete["world"]["layout"] == "cones" and scans is None else {}),
         },
@@ -132,14 +137,20 @@ def _scans(columns: dict[str, Any], settings: Settings) -> Scans | None:
     )
 
 
-def _sightings(columns: dict[str, Any], delay_s: float, measures: Sequence[str]) -> Sightings:
-    stamp_s: Floats = columns["sighting_stamp_s"]
+def _sightings(
+    columns: dict[str, Any], sensors: Sequence[Mapping[str, Any]], measures: Sequence[str]
+) -> Sightings:
+    stamp_s, number = columns["sighting_stamp_s"], columns["sighting_sensor"].astype(np.int64)
+    delay_s = np.array([sensor["delay_s"] for sensor in sensors])
     seen = Sightings(
-        stamp_s=stamp_s + delay_s if delay_s else stamp_s,
+        stamp_s=stamp_s + delay_s[number] if delay_s.any() else stamp_s,
         range_m=columns["range_m"],
         bearing_rad=columns["bearing_rad"],
         identity=columns["identity"],
         class_index=columns["class_index"],
         signature=columns["signature"],
+        sensor_index=number if len(sensors) > 1 else None,
     )
+    if len(sensors) > 1:
+        seen = seen[np.argsort(seen.stamp_s, kind="stable")]
     return measured_alone(seen, measures)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from .contradictions import TwoPlaces, share_misnamed, that_contradict_themselve
 from .health import health_warning
 from .log import Floats, Log, Sightings
 from .result import RunResult
+from .several import as_of_one
 from .trust import LOST, NOT_FOUND, against, doubts
 
 MANY_DROPPED = 0.01
@@ -40,9 +42,12 @@ def is_empty(result: RunResult) -> bool:
 
 
 def named_twice(sightings: Sightings) -> int:
-    """How many sightings name a landmark that an earlier one of the same stamp names too."""
+    """How many sightings name a landmark that an earlier one of the same stamp and sensor names too."""
     named = sightings.identity >= 0
-    pairs = np.column_stack([sightings.stamp_s[named], sightings.identity[named]])
+    parts = [sightings.stamp_s, sightings.identity]
+    if sightings.sensor_index is not None:
+        parts.append(sightings.sensor_index)
+    pairs = np.column_stack([part[named] for part in parts])
     return len(pairs) - len(np.unique(pairs, axis=0)) if len(pairs) else 0
 
 
@@ -53,6 +58,8 @@ def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -
     """
     if result.interrupted:
         return ()
+    log, config = as_of_one(log, result.config)
+    result = replace(result, config=config)
     total = len(log.sightings.stamp_s)
     if total == 0:
         return ("nothing was mapped: the log has no sightings; the path is that of the odometry alone",)

@@ -17,6 +17,7 @@ from .filter import StepInfo, landmark_map
 from .health import REASONS
 from .log import Bools, Floats
 from .result import LandmarkMap, Trajectory
+from .several import each_sensor
 
 FRAME_PERIOD_S = 0.1
 """Views are at least so far apart on the clock,"""
@@ -48,6 +49,8 @@ class View:
     seen: Floats
     taken: tuple[str, ...]
     founded: Bools
+    sensor: int = 0
+    """Number of the one that made the scan: its place in the order of the names."""
 
 
 Watch: TypeAlias = Callable[[View], tuple[float, float]]
@@ -66,7 +69,7 @@ def view_of(
     name_of = dict(zip(columns["map"]["birth"].tolist(), landmarks.ids, strict=True))
     taken = tuple(name_of.get(birth, "") for birth in np.where(founded, -2 - code, code).tolist())
     path, seen = Trajectory(*columns["path"]), columns["seen"]
-    return View(*step, columns["particles"], landmarks, path, seen, taken, founded)
+    return View(*step, columns["particles"], landmarks, path, seen, taken, founded, columns["sensor"])
 
 
 def frame_of(view: View, mounting: tuple[float, float, float]) -> dict[str, Any]:
@@ -159,8 +162,8 @@ class Watcher:
     """
 
     def __init__(self, name: str, config: Config, *, kind: Literal["run", "live"]) -> None:
-        mounting = config["sensor"]["mounting"]
-        self._mounting = (mounting["x_m"], mounting["y_m"], mounting["yaw_rad"])
+        mountings = [sensor["mounting"] for sensor in each_sensor(config)]
+        self._mountings = [(one["x_m"], one["y_m"], one["yaw_rad"]) for one in mountings]
         self.kind = kind
         self.scene = {"name": name, "kind": kind, "begun": time.time()}
         self._history = History()
@@ -190,7 +193,9 @@ class Watcher:
     def show(self, view: View) -> None:
         """Keeps a view for the pages."""
         begin_s = time.monotonic()
-        frame = json.dumps(frame_of(view, self._mounting), ensure_ascii=False, separators=(",", ":"))
+        frame = json.dumps(
+            frame_of(view, self._mountings[view.sensor]), ensure_ascii=False, separators=(",", ":")
+        )
         with self._changed:
             self._history.add(frame.encode())
             self._changed.notify_all()

@@ -10,7 +10,7 @@
 
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::{FastSlam, Identities};
-use fastslam_core::timeline::{Event, LogData, Timeline};
+use fastslam_core::timeline::{Event, LogData, SightingsRow, Timeline};
 use fastslam_sim::{simulate, SimulationConfig};
 use std::time::Instant;
 
@@ -96,7 +96,7 @@ fn pass(config: &Config, log: &LogData) -> Vec<Step> {
             step(filter, &event);
             *spent_ms += start.elapsed().as_secs_f64() * 1e3;
         }
-        if let Event::Step { sightings, .. } = event {
+        if let Event::Step(SightingsRow { sightings, .. }) = event {
             done += usize::from(!sightings.is_empty());
             if done > MAPPING && !sightings.is_empty() {
                 steps.push((spent_ms, sightings.len()));
@@ -113,7 +113,7 @@ fn pass(config: &Config, log: &LogData) -> Vec<Step> {
 fn step(filter: &mut FastSlam, event: &Event) {
     match event {
         Event::Control(part) => filter.advance(part).expect("a valid control"),
-        Event::Step { stamp_s, sightings } => {
+        Event::Step(SightingsRow { stamp_s, sightings, .. }) => {
             filter.update(*stamp_s, sightings).expect("explained sightings");
         }
     }

@@ -8,7 +8,7 @@
 
 use fastslam_core::config::{Algorithm, AssociationMode, Config};
 use fastslam_core::filter::{FastSlam, Identities};
-use fastslam_core::timeline::{Event, LogData, Timeline};
+use fastslam_core::timeline::{Event, LogData, SightingsRow, Timeline};
 use fastslam_sim::{simulate, SimulationConfig};
 use std::time::Instant;
 
@@ -54,7 +54,7 @@ fn compare(algorithm: Algorithm, config: &Config, log: &LogData) {
         (0..2).for_each(|which| spent_ns[which] += took_ns[which]);
         match event {
             Event::Control(..) => {}
-            Event::Step { stamp_s, sightings } => {
+            Event::Step(SightingsRow { stamp_s, sightings, .. }) => {
                 if stamp_s >= begin && !sightings.is_empty() {
                     let sightings = f64::from(PARTICLES) * sightings.len() as f64;
                     steps.push(spent_ns.map(|ns| ns / sightings));
@@ -83,7 +83,7 @@ fn compare(algorithm: Algorithm, config: &Config, log: &LogData) {
 fn step(filter: &mut FastSlam, event: &Event) {
     match event {
         Event::Control(part) => filter.advance(part).expect("a valid control"),
-        Event::Step { stamp_s, sightings } => {
+        Event::Step(SightingsRow { stamp_s, sightings, .. }) => {
             filter.update(*stamp_s, sightings).expect("explained sightings");
         }
     }

@@ -9,7 +9,7 @@ pub use crate::filter::settings::{
     AdaptiveConfig, Algorithm, FilterConfig, ParticleNumber, RejuvenationConfig, ResamplingConfig,
 };
 use crate::geometry::Pose;
-use crate::measurement::Sensor;
+use crate::measurement::{Sensor, Sensors};
 use crate::motion::Motion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -28,6 +28,10 @@ pub struct Config {
     pub motion: Motion,
     /// What the robot sees with.
     pub sensor: Sensor,
+    /// In place of `sensor`, where the robot has several: a section like `sensor` for each, under its name. Each sighting
+    /// then says which of them made it. Sensors of range and bearing only.
+    #[serde(skip_serializing_if = "Sensors::is_empty")]
+    pub sensors: Sensors,
     /// Which landmark a sighting belongs to.
     pub association: AssociationConfig,
     /// Where the robot starts; it defines the world frame.
@@ -100,7 +104,7 @@ impl Config {
     pub fn validate(&self) -> Result<()> {
         self.filter.validate().map_err(|e| e.within("filter"))?;
         self.motion.validate()?;
-        self.sensor.validate()?;
+        self.validate_sensors()?;
         self.association.validate().map_err(|e| e.within("association"))?;
         if self.algorithm == Algorithm::Ekf {
             self.association.validate_for_ekf().map_err(|e| e.within("association"))?;
@@ -109,6 +113,41 @@ impl Config {
         coordinate("initial_pose.y_m", self.initial_pose.y_m)?;
         finite("initial_pose.heading_rad", self.initial_pose.heading_rad)?;
         self.health.validate().map_err(|e| e.within("health"))
+    }
+}
+
+impl Config {
+    fn validate_sensors(&self) -> Result<()> {
+        if !self.sensors.is_empty() && self.sensor != Sensor::default() {
+            let expected = "one of the two: `sensor` is the only sensor, `sensors` has a section for each of several";
+            return Err(Error::parameter("sensors", "`sensor` beside it", expected));
+        }
+        self.sensor.validate()?;
+        self.sensors.validate()
+    }
+
+    /// The sensors, in the order of their numbers.
+    pub fn each_sensor(&self) -> Vec<&Sensor> {
+        match self.sensors.is_empty() {
+            true => vec![&self.sensor],
+            false => self.sensors.0.values().collect(),
+        }
+    }
+
+    /// An error unless there is a sensor with this number.
+    pub fn check_sensor(&self, sensor: usize) -> Result<()> {
+        let count = self.sensors.0.len().max(1);
+        if sensor < count {
+            return Ok(());
+        }
+        Err(Error::Input(format!(
+            "a scan of sensor {sensor}, expected less than {count}: `sensors` says how many there are"
+        )))
+    }
+
+    /// The same with this one for its only sensor.
+    pub(crate) fn seeing_with(&self, sensor: &Sensor) -> Self {
+        Self { sensor: sensor.clone(), sensors: Sensors::default(), ..self.clone() }
     }
 }
 
@@ -156,6 +195,15 @@ mod tests {
         assert_eq!(
             config.validate().map_err(|e| e.to_string()),
             Err("sensor.range_std_m: got 0, expected a finite number above 0 (1e-12 to 1e6)".into())
+        );
+        let mut config = Config::default();
+        config.sensor.change(|s| s.max_range_m = 20.0);
+        config.sensors.0.insert("rear".into(), Sensor::default());
+        assert_eq!(
+            config.validate().map_err(|e| e.to_string()),
+            Err("sensors: got `sensor` beside it, expected one of the two: `sensor` is the only sensor, `sensors` has a \
+                 section for each of several"
+                .into())
         );
         let mut config = Config::default();
         config.filter.resampling.threshold = 1.5;

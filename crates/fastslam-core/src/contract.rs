@@ -6,6 +6,7 @@ use crate::filter::{MapEstimate, PoseEstimate, Seen, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
 use crate::motion::{MotionGaussian, RowPart};
+use crate::sighting::Scan;
 use crate::store::StoreUsage;
 
 /// A SLAM filter: controls and sightings in, pose, path and map out.
@@ -20,8 +21,12 @@ pub trait Slam: Send + Sync {
     fn predict(&mut self, control: [f64; 3], dt_s: f64) -> Result<()> {
         self.advance(&RowPart::whole(control, dt_s))
     }
-    /// Processes all sightings of one stamp (there may be none).
-    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo>;
+    /// Processes a scan of the only sensor.
+    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        self.take(Scan::new(stamp_s, sightings))
+    }
+    /// Processes all that one sensor saw at one stamp (there may be nothing).
+    fn take(&mut self, scan: Scan<'_>) -> Result<StepInfo>;
     /// Ends a log: what the filter can still learn from the whole of it. Returns whether anything changed.
     fn finish(&mut self) -> bool;
     /// Mean and covariance of the pose after the last update.

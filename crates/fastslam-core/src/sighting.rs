@@ -29,6 +29,24 @@ impl Sighting {
     }
 }
 
+/// All that one sensor saw at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scan<'a> {
+    /// Seconds.
+    pub stamp_s: f64,
+    /// Number of the sensor: its place in the order of the names in `Config::sensors`, 0 where there is one.
+    pub sensor: usize,
+    /// What it saw; there may be nothing.
+    pub sightings: &'a [Sighting],
+}
+
+impl<'a> Scan<'a> {
+    /// Of the only sensor.
+    pub fn new(stamp_s: f64, sightings: &'a [Sighting]) -> Self {
+        Self { stamp_s, sensor: 0, sightings }
+    }
+}
+
 /// Deals sightings out into rounds that see each name once at most; returns how many there are, one at least. `rounds` keeps
 /// its memory.
 ///

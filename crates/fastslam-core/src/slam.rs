@@ -6,12 +6,13 @@ use crate::config::{Algorithm, Config};
 use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::ekf_slam::EkfSlam;
 use crate::error::{Error, Result};
-use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Seen, Sighting, StepInfo};
+use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Seen, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
 use crate::measurement::{Placing, Sensor, EXPECTED_OF_OWN};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::partial::PartialSlam;
+use crate::sighting::Scan;
 use crate::snapshot::{self, Holds};
 use crate::store::StoreUsage;
 
@@ -71,8 +72,8 @@ impl<M: Placing> Slam for FastSlam<M> {
     fn advance(&mut self, part: &RowPart) -> Result<()> {
         FastSlam::advance(self, part)
     }
-    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
-        FastSlam::update(self, stamp_s, sightings)
+    fn take(&mut self, scan: Scan<'_>) -> Result<StepInfo> {
+        FastSlam::take(self, scan)
     }
     fn finish(&mut self) -> bool {
         self.rejuvenate()
@@ -136,8 +137,8 @@ impl<M: Placing> Slam for EkfSlam<M> {
     fn advance(&mut self, part: &RowPart) -> Result<()> {
         EkfSlam::advance(self, part)
     }
-    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
-        EkfSlam::update(self, stamp_s, sightings)
+    fn take(&mut self, scan: Scan<'_>) -> Result<StepInfo> {
+        EkfSlam::take(self, scan)
     }
     fn finish(&mut self) -> bool {
         false

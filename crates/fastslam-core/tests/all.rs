@@ -26,6 +26,7 @@ mod range_only;
 mod rejuvenation;
 mod robustness;
 mod scans;
+mod several_sensors;
 mod space;
 mod state;
 mod stores_agree;

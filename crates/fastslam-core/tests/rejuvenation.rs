@@ -206,7 +206,9 @@ fn poses_before_the_window_stand_still() {
     for event in fastslam_core::timeline::Timeline::of(&log, config.motion.timing(), 0.5) {
         match event {
             fastslam_core::timeline::Event::Control(part) => filter.advance(&part).unwrap(),
-            fastslam_core::timeline::Event::Step { stamp_s, sightings } => {
+            fastslam_core::timeline::Event::Step(fastslam_core::timeline::SightingsRow {
+                stamp_s, sightings, ..
+            }) => {
                 filter.update(stamp_s, &sightings).map(|_| ()).unwrap();
             }
         }

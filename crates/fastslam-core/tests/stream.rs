@@ -7,7 +7,7 @@ use fastslam_core::motion::{Increments, Motion, Velocity};
 use fastslam_core::random::{Purpose, RandomSource};
 use fastslam_core::run::{run, StepRecord};
 use fastslam_core::stream::{Refused, Stream, Taken, Window};
-use fastslam_core::timeline::{ControlRow, LogData, Row};
+use fastslam_core::timeline::{ControlRow, LogData, Row, SightingsRow};
 use fastslam_sim::{simulate, SimulationConfig};
 
 const LATE: Window = Window { late_s: 0.7, wait_s: 20.0, gap_s: 60.0 };
@@ -32,7 +32,7 @@ fn shuffled(log: &LogData, seed: u64) -> Vec<Row> {
     for (i, row) in log.rows().enumerate() {
         let stamp_s = match &row {
             Row::Control(row) => row.stamp_s,
-            Row::Sightings(stamp_s, _) => *stamp_s,
+            Row::Sightings(row) => row.stamp_s,
             Row::End => f64::INFINITY,
         };
         let delay_s = LATE.late_s * noise.uniform(i as u32, 0);
@@ -120,7 +120,7 @@ fn control(stamp_s: f64) -> Row {
 }
 
 fn seen(stamp_s: f64) -> Row {
-    Row::Sightings(stamp_s, vec![Sighting::range_bearing(5.0, 0.1, Some((10.0 * stamp_s) as u32))])
+    Row::Sightings(SightingsRow::new(stamp_s, vec![Sighting::range_bearing(5.0, 0.1, Some((10.0 * stamp_s) as u32))]))
 }
 
 fn small(motion: Motion) -> Stream {

@@ -7,7 +7,7 @@ use crate::view::{hypotheses_to_arrays, map_to_dict, path_to_arrays};
 use crate::{arrays, config, given, step};
 use fastslam_core::config::Config;
 use fastslam_core::error::Result;
-use fastslam_core::filter::{Identities, Sighting, StepInfo};
+use fastslam_core::filter::{Identities, Scan as CoreScan, Sighting, StepInfo};
 use fastslam_core::slam::{self, Slam};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -123,10 +123,12 @@ impl Filter {
         self.worked(py, |filter| filter.predict(control, dt_s))
     }
 
-    /// `scan`: range_m, bearing_rad, identity, then noise (n x 3), class_index and signature or None.
-    fn update<'py>(&self, py: Python<'py>, stamp_s: f64, scan: Scan<'py>) -> PyResult<Bound<'py, PyDict>> {
+    /// `scan`: range_m, bearing_rad, identity, then noise (n x 3), class_index and signature or None; `by`: the number of
+    /// its sensor.
+    #[pyo3(signature = (stamp_s, scan, by=0))]
+    fn update<'py>(&self, py: Python<'py>, stamp_s: f64, scan: Scan<'py>, by: usize) -> PyResult<Bound<'py, PyDict>> {
         let sightings = scan.sightings(&self.config)?;
-        let info = self.worked(py, |filter| filter.update(stamp_s, &sightings))?;
+        let info = self.worked(py, |filter| filter.take(CoreScan { stamp_s, sensor: by, sightings: &sightings }))?;
         self.answer(py, &info)
     }
 

@@ -1,5 +1,6 @@
 //! A whole log in one call.
 
+use crate::filter::Scan;
 use crate::sensor::{self, Sensor};
 use crate::view::{map_to_dict, View};
 use crate::{arrays, config, given, noise, step};
@@ -133,13 +134,13 @@ impl Progress {
     }
 }
 
-/// Runs the filter over a log, with a sensor of one's own where there is one; `resume` is a snapshot to go on from, and `checkpoint(snapshot)` is called every
+/// Runs the filter over a log, all the sightings of which are one `scan` with stamps, with a sensor of one's own where there is one; `by` holds the numbers of the sensors where there are several; `resume` is a snapshot to go on from, and `checkpoint(snapshot)` is called every
 /// `checkpoint_every_s` and when the run is stopped. `watch(view, step, stamp, pose,
 /// covariance)` is shown the run, and answers in how many seconds, or
 /// at which stamp, it wants to be shown it again. Ctrl-C, or `KeyboardInterrupt` from `progress(done, total)`, ends it early with what has
 /// been computed; any other exception of `progress` is raised.
 #[pyfunction]
-#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, range_m, bearing_rad, identity, noise=None, progress=None, class_index=None, signature=None, control_covariance=None, checkpoint=None, checkpoint_every_s=60.0, resume=None, map=None, start=None, watch=None, sensor=None))]
+#[pyo3(signature = (config_json, control_stamps_s, controls, sighting_stamps_s, scan, progress=None, control_covariance=None, checkpoint=None, checkpoint_every_s=60.0, resume=None, map=None, start=None, watch=None, sensor=None, by=None))]
 #[allow(clippy::too_many_arguments)] // One array per column of a log.
 pub fn run<'py>(
     py: Python<'py>,
@@ -147,13 +148,8 @@ pub fn run<'py>(
     control_stamps_s: PyReadonlyArray1<'py, f64>,
     controls: PyReadonlyArray2<'py, f64>,
     sighting_stamps_s: PyReadonlyArray1<'py, f64>,
-    range_m: PyReadonlyArray1<'py, f64>,
-    bearing_rad: PyReadonlyArray1<'py, f64>,
-    identity: PyReadonlyArray1<'py, i64>,
-    noise: Option<PyReadonlyArray2<'py, f64>>,
+    scan: Scan<'py>,
     progress: Option<Py<PyAny>>,
-    class_index: Option<PyReadonlyArray1<'py, i64>>,
-    signature: Option<PyReadonlyArray1<'py, f64>>,
     control_covariance: Option<PyReadonlyArray2<'py, f64>>,
     checkpoint: Option<Py<PyAny>>,
     checkpoint_every_s: f64,
@@ -162,16 +158,16 @@ pub fn run<'py>(
     start: Option<given::GivenStart<'py>>,
     watch: Option<Py<PyAny>>,
     sensor: Option<Sensor>,
+    by: Option<PyReadonlyArray1<'py, u8>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (config, beginning) = (&config::parse(config_json)?, &given::beginning(map, start)?);
-    let looks = arrays::Looks { class_index, signature };
-    let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref(), &looks)?;
     let log = &LogData {
         control_stamps_s: control_stamps_s.as_array().to_vec(),
         controls: arrays::controls(&controls)?,
         control_covariances: arrays::control_covariances(control_covariance.as_ref())?,
         sighting_stamps_s: sighting_stamps_s.as_array().to_vec(),
-        sightings: arrays::of_sensor(&config.sensor, sightings),
+        sighting_sensors: by.map_or_else(Vec::new, |by| by.as_array().to_vec()),
+        sightings: scan.sightings(config)?,
     };
     let checkpoints = checkpoint.map(|callback| Checkpoints::new(callback, checkpoint_every_s));
     let total = log.step_bound(config.filter.path_period_s);

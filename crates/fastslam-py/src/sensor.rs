@@ -79,6 +79,7 @@ impl Sensor {
     }
 
     fn filter<const Z: usize>(&self, config: Config) -> Result<Box<dyn Slam>> {
+        check_alone(&config)?;
         let (noise, columns, births) = self.ask(|object| {
             let noise: PyReadonlyArray2<'_, f64> = object.getattr("noise")?.extract()?;
             let births = if object.getattr("has_births")?.extract()? { Births::Own } else { Births::Ring };
@@ -96,6 +97,14 @@ impl Sensor {
 
     fn take_failure(&self) -> Option<PyErr> {
         self.failure.lock().ok().and_then(|mut failure| failure.take())
+    }
+}
+
+/// Errors where there are others beside a sensor of one's own.
+fn check_alone(config: &Config) -> Result<()> {
+    match config.sensors.is_empty() {
+        true => Ok(()),
+        false => Err(Error::parameter("sensors", "a sensor of one's own beside them", "`sensor`, which it stands for")),
     }
 }
 

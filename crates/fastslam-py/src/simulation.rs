@@ -65,6 +65,7 @@ fn columns<'py>(py: Python<'py>, log: &SimulatedLog) -> PyResult<Bound<'py, PyDi
     out.set_item("class_names", &log.class_names)?;
     out.set_item("motion", to_json(&log.motion)?)?;
     out.set_item("sensor", to_json(&log.sensor)?)?;
+    out.set_item("sighting_sensor", log.sightings.sensor.to_pyarray(py))?;
     Ok(out)
 }
 

@@ -12,7 +12,7 @@ use fastslam_core::filter::PoseEstimate;
 use fastslam_core::geometry::Matrix3;
 use fastslam_core::run::RunOutput;
 use fastslam_core::stream::{ScanRow, Scanner, StepRecord, Stream as Core, Taken, Window};
-use fastslam_core::timeline::{ControlRow, Row};
+use fastslam_core::timeline::{ControlRow, Row, SightingsRow};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PySystemError;
 use pyo3::prelude::*;
@@ -127,10 +127,11 @@ impl Stream {
         self.put(py, |stream| stream.push(Row::Control(ControlRow { stamp_s, control, covariance })))
     }
 
-    /// As `odometry`, of the sightings of one moment.
-    fn sightings(&self, py: Python<'_>, stamp_s: f64, scan: Scan<'_>) -> PyResult<&'static str> {
-        let seen = scan.sightings(&self.config)?;
-        self.put(py, |stream| stream.push(Row::Sightings(stamp_s, seen)))
+    /// As `odometry`, of the sightings of one moment by the sensor of this number.
+    #[pyo3(signature = (stamp_s, scan, by=0))]
+    fn sightings(&self, py: Python<'_>, stamp_s: f64, scan: Scan<'_>, by: usize) -> PyResult<&'static str> {
+        let sightings = scan.sightings(&self.config)?;
+        self.put(py, |stream| stream.push(Row::Sightings(SightingsRow { stamp_s, sightings, sensor: by })))
     }
 
     /// From here on scans of a laser are taken; `geometry_json` holds the fields of `BeamGeometry`.

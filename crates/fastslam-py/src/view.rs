@@ -16,18 +16,20 @@ pub struct View {
     path: Vec<(f64, Pose)>,
     particles: Vec<(Pose, f64)>,
     seen: Vec<Seen>,
+    sensor: usize,
 }
 
 impl View {
     /// Of a stream as it is.
     pub fn of(stream: &mut Stream) -> Self {
-        let path = stream.smoothed();
+        let (path, sensor) = (stream.smoothed(), stream.last_sensor());
         let filter = stream.filter();
-        Self { map: filter.map(), path, particles: filter.weighted_poses(), seen: filter.seen().to_vec() }
+        Self { map: filter.map(), path, particles: filter.weighted_poses(), seen: filter.seen().to_vec(), sensor }
     }
 
     /// Particles (poses and weights), map, path (stamps and poses), and the sightings of the last scan: `seen` (S, 2)
-    /// as measured, and `taken` (S): the birth of the landmark, -1 for none, -2 - birth for one that was founded.
+    /// as measured, and `taken` (S): the birth of the landmark, -1 for none, -2 - birth for one that was founded;
+    /// and the number of the sensor that made it.
     pub fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let dict = PyDict::new(py);
         dict.set_item("particles", hypotheses_to_arrays(py, &self.particles)?)?;
@@ -40,6 +42,7 @@ impl View {
         };
         let taken: Vec<i64> = self.seen.iter().map(|sighting| code(sighting.taken)).collect();
         dict.set_item("taken", taken.into_pyarray(py))?;
+        dict.set_item("sensor", self.sensor)?;
         dict.set_item("map", map_to_dict(py, &self.map)?)?;
         dict.set_item("path", path_to_arrays(py, &self.path)?)?;
         Ok(dict)

@@ -1,7 +1,7 @@
 //! The settings of a simulation.
 
 use fastslam_core::geometry::Pose;
-use fastslam_core::measurement::SensorSettings;
+use fastslam_core::measurement::{SensorSettings, Sensors};
 use fastslam_core::motion::Motion;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -31,6 +31,10 @@ pub struct SimulationConfig {
     pub motion: Motion,
     /// Sensor: its noise, limits and mounting.
     pub sensor: SensorSettings,
+    /// In place of `sensor`, where the robot has several: a section like `sensor` for each, under its name. All look at
+    /// the same moments.
+    #[serde(skip_serializing_if = "Sensors::is_empty")]
+    pub sensors: Sensors,
     /// When the sensor looks, and what goes wrong then.
     pub scan: ScanConfig,
 }
@@ -48,6 +52,7 @@ impl Default for SimulationConfig {
             max_duration_s: None,
             motion: Motion::default(),
             sensor: SensorSettings { max_range_m: 10.0, ..SensorSettings::default() },
+            sensors: Sensors::default(),
             scan: ScanConfig::default(),
         }
     }
@@ -383,6 +388,19 @@ impl Default for Signature {
 }
 
 impl SimulationConfig {
+    /// The settings of the sensors, in the order of their numbers.
+    pub fn each_sensor(&self) -> Vec<SensorSettings> {
+        match self.sensors.is_empty() {
+            true => vec![self.sensor.clone()],
+            false => self.sensors.0.values().map(SensorSettings::from).collect(),
+        }
+    }
+
+    /// How far the robot sees.
+    pub fn max_range_m(&self) -> f64 {
+        self.each_sensor().iter().map(|sensor| sensor.max_range_m).fold(0.0, f64::max)
+    }
+
     /// Number of control periods between scans.
     pub fn controls_per_scan(&self) -> usize {
         (self.scan.period_s / self.control_period_s).round() as usize

@@ -46,17 +46,20 @@ impl SimulatedLog {
             control_stamps_s: self.control_stamp_s.clone(),
             controls: self.controls.clone(),
             sighting_stamps_s: self.sightings.stamp_s.clone(),
+            sighting_sensors: self.sightings.sensor.clone(),
             sightings: (0..self.sightings.len()).map(|i| self.sightings.sighting(i)).collect(),
             ..LogData::default()
         }
     }
 }
 
-/// Sightings in order of time and, within a scan, of bearing.
+/// Sightings in order of time and sensor and, within a scan, of bearing.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedSightings {
     /// When.
     pub stamp_s: Vec<f64>,
+    /// Number of the sensor that made it: its place in the order of the names.
+    pub sensor: Vec<u8>,
     /// Distance from the sensor.
     pub range_m: Vec<f64>,
     /// Direction in the frame of the sensor.
@@ -160,6 +163,7 @@ pub fn assemble(config: &SimulationConfig, parts: Parts) -> SimulatedLog {
         },
         class_names: world.class_names,
         motion: config.motion.clone(),
-        sensor: config.sensor.clone().into(),
+        // Where there are several, the configuration has them.
+        sensor: if config.sensors.is_empty() { config.sensor.clone().into() } else { Sensor::default() },
     }
 }

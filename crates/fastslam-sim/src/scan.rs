@@ -19,29 +19,29 @@ struct Sighting {
     signature: f64,
 }
 
-/// Looks once per scan period, from the first pose on; says also which landmarks were ever reported.
+/// Looks once per scan period with each sensor, from the first pose on; says also which landmarks were ever reported.
 pub fn scan(config: &SimulationConfig, scene: &Scene, poses: &[Pose], draws: Draws) -> (SimulatedSightings, Vec<bool>) {
-    // A quarter of the range: the cells' union then exceeds the disc by little.
-    let grid = PointGrid::from_points(&scene.position_m, 0.25 * config.sensor.max_range_m);
-    let SensorSettings { range_std_m, bearing_std_rad, .. } = config.sensor;
-    let scanner = Scanner { config, scene, grid, draws, model: RangeBearing { range_std_m, bearing_std_rad } };
-    let T_robot_sensor = config.sensor.mounting.T_robot_sensor();
+    let scanners: Vec<Scanner<'_>> =
+        config.each_sensor().into_iter().map(|sensor| Scanner::new(config, scene, draws, sensor)).collect();
     let mut log = SimulatedSightings::default();
     let mut seen = vec![false; scene.position_m.len()];
     let (mut visible, mut reported) = (vec![], vec![]);
     for (step, T_world_robot) in poses.iter().enumerate().step_by(config.controls_per_scan()) {
         let stamp_s = step as f64 * config.control_period_s;
-        let T_world_sensor = T_world_robot.compose(T_robot_sensor);
-        reported.clear();
-        scanner.find_visible(T_world_sensor, &mut visible);
-        scanner.report_landmarks(step, &visible, &mut reported);
-        scanner.report_clutter(step, &mut reported);
-        // In the order of a turning sensor, which tells nothing about what was sighted.
-        reported.sort_by(|a: &Sighting, b| a.bearing_rad.total_cmp(&b.bearing_rad));
-        for sighting in &reported {
-            log.push(stamp_s, sighting);
-            if let Ok(landmark) = usize::try_from(sighting.true_identity) {
-                seen[landmark] = true;
+        for (sensor, scanner) in scanners.iter().enumerate() {
+            reported.clear();
+            scanner.find_visible(T_world_robot.compose(scanner.sensor.mounting.T_robot_sensor()), &mut visible);
+            // Numbers of their own for each look: those of the only sensor are numbered by step.
+            let look = step * scanners.len() + sensor;
+            scanner.report_landmarks(look, &visible, &mut reported);
+            scanner.report_clutter(look, &mut reported);
+            // In the order of a turning sensor, which tells nothing about what was sighted.
+            reported.sort_by(|a: &Sighting, b| a.bearing_rad.total_cmp(&b.bearing_rad));
+            for sighting in &reported {
+                log.push((stamp_s, sensor), sighting);
+                if let Ok(landmark) = usize::try_from(sighting.true_identity) {
+                    seen[landmark] = true;
+                }
             }
         }
     }
@@ -61,13 +61,21 @@ struct Scanner<'a> {
     scene: &'a Scene,
     grid: PointGrid,
     draws: Draws,
+    sensor: SensorSettings,
     model: RangeBearing,
 }
 
-impl Scanner<'_> {
+impl<'a> Scanner<'a> {
+    fn new(config: &'a SimulationConfig, scene: &'a Scene, draws: Draws, sensor: SensorSettings) -> Self {
+        // A quarter of the range: the cells' union then exceeds the disc by little.
+        let grid = PointGrid::from_points(&scene.position_m, 0.25 * sensor.max_range_m);
+        let SensorSettings { range_std_m, bearing_std_rad, .. } = sensor;
+        Self { config, scene, grid, draws, model: RangeBearing { range_std_m, bearing_std_rad }, sensor }
+    }
+
     /// Whether the sensor can report this range and bearing.
     fn in_view(&self, range_m: f64, bearing_rad: f64) -> bool {
-        let sensor = &self.config.sensor;
+        let sensor = &self.sensor;
         (sensor.min_range_m..=sensor.max_range_m).contains(&range_m)
             && bearing_rad.abs() <= 0.5 * sensor.field_of_view_rad
     }
@@ -76,7 +84,7 @@ impl Scanner<'_> {
     fn find_visible(&self, T_world_sensor: Pose, visible: &mut Vec<Visible>) {
         visible.clear();
         let center = [T_world_sensor.x, T_world_sensor.y];
-        self.grid.visit_within(center, self.config.sensor.max_range_m, |landmark, _| {
+        self.grid.visit_within(center, self.sensor.max_range_m, |landmark, _| {
             let [range_m, bearing_rad] = self.model.expected(T_world_sensor, self.grid.points()[landmark]);
             if self.in_view(range_m, bearing_rad) {
                 visible.push(Visible { landmark, range_m, bearing_rad });
@@ -87,9 +95,9 @@ impl Scanner<'_> {
     }
 
     /// Every draw is addressed by the landmark, so that none depends on what else is in view.
-    fn report_landmarks(&self, step: usize, visible: &[Visible], reported: &mut Vec<Sighting>) {
+    fn report_landmarks(&self, look: usize, visible: &[Visible], reported: &mut Vec<Sighting>) {
         let scan = &self.config.scan;
-        let stream = self.draws.stream(Part::Sighting, step);
+        let stream = self.draws.stream(Part::Sighting, look);
         let most = scan.max_sightings_per_scan.map_or(usize::MAX, |most| most as usize);
         for seen in visible {
             if reported.len() >= most {
@@ -136,9 +144,9 @@ impl Scanner<'_> {
     }
 
     /// False sightings, uniform over the area in view.
-    fn report_clutter(&self, step: usize, reported: &mut Vec<Sighting>) {
-        let (scan, sensor) = (&self.config.scan, &self.config.sensor);
-        let stream = self.draws.stream(Part::Clutter, step);
+    fn report_clutter(&self, look: usize, reported: &mut Vec<Sighting>) {
+        let (scan, sensor) = (&self.config.scan, &self.sensor);
+        let stream = self.draws.stream(Part::Clutter, look);
         let classes = self.scene.class_names.len();
         for index in 1..=poisson(stream, 0, scan.clutter_per_scan) {
             let [u, v] = stream.uniform_pair(index, 0);
@@ -161,8 +169,9 @@ impl Scanner<'_> {
 }
 
 impl SimulatedSightings {
-    fn push(&mut self, stamp_s: f64, sighting: &Sighting) {
+    fn push(&mut self, (stamp_s, sensor): (f64, usize), sighting: &Sighting) {
         self.stamp_s.push(stamp_s);
+        self.sensor.push(sensor as u8);
         self.range_m.push(sighting.range_m);
         self.bearing_rad.push(sighting.bearing_rad);
         self.identity.push(sighting.identity);

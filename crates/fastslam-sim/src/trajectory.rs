@@ -15,7 +15,7 @@ const MOST_CELLS: f64 = 1e7;
 
 /// The path of a simulation.
 pub fn waypoints(config: &SimulationConfig, scene: &Scene, draws: Draws) -> Result<Path> {
-    let range_m = config.sensor.max_range_m;
+    let range_m = config.max_range_m();
     let points = match (&config.trajectory, &scene.center_line) {
         (Trajectory::Loop(path), Some(line)) => laps(line, path.laps),
         (Trajectory::Loop(path), None) => laps(&rounded_rectangle(path, scene)?, path.laps),

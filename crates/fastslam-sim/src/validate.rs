@@ -2,6 +2,7 @@
 
 use crate::config::{Cones, LaserConfig, Orchard, ScanConfig, SimulationConfig, Trajectory, VehicleConfig, World};
 use fastslam_core::error::{coordinate, finite, non_negative, positive, Error, Result};
+use fastslam_core::measurement::SensorSettings;
 
 /// More than this does not fit into the memory of the machines that this is for.
 const MOST_LANDMARKS: u32 = 50_000_000;
@@ -17,7 +18,7 @@ impl SimulationConfig {
         self.world.validate().map_err(|e| e.within("world"))?;
         self.trajectory.validate().map_err(|e| e.within("trajectory"))?;
         self.motion.validate()?;
-        self.validate_sensor()?;
+        self.validate_sensors()?;
         self.validate_classes().map_err(|e| e.within("classes"))?;
         positive("control_period_s", self.control_period_s)?;
         if let Some(duration_s) = self.max_duration_s {
@@ -27,17 +28,25 @@ impl SimulationConfig {
         self.scan.validate(self.control_period_s).map_err(|e| e.within("scan"))
     }
 
-    fn validate_sensor(&self) -> Result<()> {
-        let sensor = &self.sensor;
-        sensor.validate()?;
-        if sensor.max_range_m <= sensor.min_range_m {
-            let expected = format!("more than sensor.min_range_m ({})", sensor.min_range_m);
-            return Err(Error::parameter("sensor.max_range_m", sensor.max_range_m, expected));
+    fn validate_sensors(&self) -> Result<()> {
+        validate_sensor(&self.sensor).map_err(|e| e.within("sensor"))?;
+        if self.sensors.is_empty() {
+            return Ok(());
         }
-        if sensor.field_of_view_rad > std::f64::consts::TAU {
-            return Err(Error::parameter("sensor.field_of_view_rad", sensor.field_of_view_rad, "at most 2π"));
+        if self.sensor != Self::default().sensor {
+            let expected = "one of the two: `sensor` is the only sensor, `sensors` has a section for each of several";
+            return Err(Error::parameter("sensors", "`sensor` beside it", expected));
         }
-        Ok(())
+        if self.scan.laser.is_some() {
+            return Err(Error::parameter(
+                "sensors",
+                "several",
+                "none with a laser (scan.laser): `sensor` is the laser",
+            ));
+        }
+        self.sensors.validate()?;
+        let mut named = self.sensors.0.keys().zip(self.each_sensor());
+        named.try_for_each(|(name, sensor)| validate_sensor(&sensor).map_err(|e| e.within(&format!("sensors.{name}"))))
     }
 
     fn validate_classes(&self) -> Result<()> {
@@ -51,6 +60,18 @@ impl SimulationConfig {
         }
         Ok(())
     }
+}
+
+fn validate_sensor(sensor: &SensorSettings) -> Result<()> {
+    sensor.validate()?;
+    if sensor.max_range_m <= sensor.min_range_m {
+        let expected = format!("more than min_range_m ({})", sensor.min_range_m);
+        return Err(Error::parameter("max_range_m", sensor.max_range_m, expected));
+    }
+    if sensor.field_of_view_rad > std::f64::consts::TAU {
+        return Err(Error::parameter("field_of_view_rad", sensor.field_of_view_rad, "at most 2π"));
+    }
+    Ok(())
 }
 
 impl World {

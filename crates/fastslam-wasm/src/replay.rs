@@ -6,7 +6,7 @@ use fastslam_core::config::{AssociationMode, Config};
 use fastslam_core::filter::{Identities, Sighting};
 use fastslam_core::geometry::Pose;
 use fastslam_core::motion::RowPart;
-use fastslam_core::timeline::{Event, LogData, Timeline};
+use fastslam_core::timeline::{Event, LogData, SightingsRow, Timeline};
 
 /// One thing that happened.
 pub enum Moment {
@@ -61,7 +61,7 @@ impl Replay {
 
     /// What comes next up to a time; none where that is later.
     pub fn next(&mut self, until_s: f64) -> Result<Option<Moment>, String> {
-        if let Some(Event::Step { stamp_s, .. }) = &self.waiting {
+        if let Some(Event::Step(SightingsRow { stamp_s, .. })) = &self.waiting {
             if *stamp_s > until_s {
                 self.now_s = until_s;
                 return Ok(None);
@@ -78,7 +78,7 @@ impl Replay {
                 self.T_world_reported = self.T_world_reported.compose(motion.mean);
                 Ok(Some(Moment::Moved(part)))
             }
-            Event::Step { stamp_s, sightings } => {
+            Event::Step(SightingsRow { stamp_s, sightings, .. }) => {
                 self.now_s = stamp_s;
                 self.reported_path.push([self.T_world_reported.x, self.T_world_reported.y]);
                 Ok(Some(Moment::Scan { stamp_s, sightings }))

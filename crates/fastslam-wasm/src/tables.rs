@@ -58,7 +58,14 @@ pub fn read(files: &Files, settings: &Settings) -> Result<(LogData, Config, Vec<
     sightings.iter_mut().for_each(|(stamp_s, _)| *stamp_s -= config.sensor.common().delay_s);
     sightings.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     let (sighting_stamps_s, sightings) = sightings.into_iter().unzip();
-    let log = LogData { control_stamps_s: stamps, controls, control_covariances: vec![], sighting_stamps_s, sightings };
+    let log = LogData {
+        control_stamps_s: stamps,
+        controls,
+        control_covariances: vec![],
+        sighting_stamps_s,
+        sightings,
+        sighting_sensors: vec![],
+    };
     notes.insert(0, format!("{} rows of odometry, {} sightings", log.controls.len(), log.sightings.len()));
     Ok((log, config, notes))
 }

@@ -118,6 +118,7 @@ def _rows(summary: LogInfo) -> list[Row]:
         rows.append(("sightings", "0", ""))
     else:
         rows += _stream_rows("sightings", summary.sightings)
+    rows += [(f"sightings of sensor {name}", format_number(n), "") for name, n in summary.sensors.items()]
     rows += _extent_rows("sightings per stamp", summary.sightings_per_stamp, "")
     rows += _extent_rows("range", summary.range_m, "m")
     rows += _extent_rows("bearing", summary.bearing_rad, "rad")

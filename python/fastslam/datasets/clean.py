@@ -89,6 +89,7 @@ def clean_sightings(
             class_index=kept.class_index,
             signature=signature,
             covariance=kept.covariance,
+            sensor_index=kept.sensor_index,
         ),
         tuple(problems),
     )
@@ -113,6 +114,8 @@ def _identical_rows(sightings: Sightings) -> Bools:
     bearing = np.nan_to_num(sightings.bearing_rad, nan=-1e300)
     columns = [sightings.stamp_s, sightings.range_m, bearing, sightings.identity]
     columns += [sightings.class_index, np.nan_to_num(sightings.signature, nan=-1e300)]
+    if sightings.sensor_index is not None:
+        columns.append(sightings.sensor_index)
     if sightings.covariance is not None:
         columns += list(np.nan_to_num(sightings.covariance, nan=-1e300).T)
     table = np.column_stack(columns)
@@ -160,15 +163,7 @@ def no_sightings() -> Sightings:
 
 def select_sightings(sightings: Sightings, chosen: Bools | Ints) -> Sightings:
     """The chosen rows, by mask or by index, in that order."""
-    return Sightings(
-        stamp_s=sightings.stamp_s[chosen],
-        range_m=sightings.range_m[chosen],
-        bearing_rad=sightings.bearing_rad[chosen],
-        identity=sightings.identity[chosen],
-        class_index=sightings.class_index[chosen],
-        signature=sightings.signature[chosen],
-        covariance=None if sightings.covariance is None else sightings.covariance[chosen],
-    )
+    return sightings[chosen]
 
 
 def _time_order(stamp_s: Floats, what: str, path: Path) -> tuple[Ints, str, int]:

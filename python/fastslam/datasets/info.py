@@ -68,6 +68,8 @@ class LogInfo:
     """Laser scans; None when the log holds none."""
     beams_per_scan: int
     problems: tuple[Problem, ...]
+    sensors: dict[str, int]
+    """Sightings of each sensor, where these say which made them."""
 
 
 def describe(log: Log) -> LogInfo:
@@ -99,6 +101,7 @@ def describe(log: Log) -> LogInfo:
         scans=None if scans is None else _stream(scans.stamp_s),
         beams_per_scan=0 if scans is None else scans.ranges_m.shape[1],
         problems=log.problems,
+        sensors={} if sightings.sensor_index is None else _tally(sightings.sensor_index, log.sensor_names),
     )
 
 

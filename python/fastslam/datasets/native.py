@@ -38,11 +38,12 @@ def load(path: Path, options: LoadOptions) -> Log:
     only_scans = scans is not None and find_file(path, "sightings.csv") is None
     settings = read_settings(_required(path, "log.yaml"))
     odometry_file = _required(path, "odometry.csv")
-    measures = measured_columns(settings.config["sensor"].get("model"))
+    measures = measured_columns(settings.config.get("sensor", {}).get("model"))
+    sensors = sorted(settings.config.get("sensors", {}))
     if only_scans:
         seen = SightingsFile(no_sightings())
     else:
-        seen = read_sightings(_required(path, "sightings.csv"), measures=measures)
+        seen = read_sightings(_required(path, "sightings.csv"), measures=measures, sensors=sensors)
     odometry = read_odometry(odometry_file, model=settings.motion_model, wheels=settings.wheels)
     trajectory, truth_problems = read_trajectory(find_file(path, "truth_trajectory.tum"))
     clocks = clock_problems(odometry, seen, path)
@@ -55,6 +56,7 @@ def load(path: Path, options: LoadOptions) -> Log:
         sightings=seen.sightings,
         identity_names=seen.identity_names,
         class_names=seen.class_names,
+        sensor_names=seen.sensor_names,
         truth_trajectory=trajectory,
         truth_landmarks=read_landmarks(
             find_file(path, "truth_landmarks.csv"), complete=settings.truth_landmarks_complete

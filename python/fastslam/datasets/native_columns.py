@@ -42,6 +42,8 @@ def sightings_columns(log: Log) -> dict[str, Floats | Names]:
     columns: dict[str, Floats | Names] = {"stamp_s": seen.stamp_s}
     for column in measured_columns(log.config.get("sensor", {}).get("model")):
         columns[column] = getattr(seen, column)
+    if seen.sensor_index is not None and log.sensor_names:
+        columns["sensor"] = _names(seen.sensor_index, log.sensor_names)
     if log.identity_names:
         columns["landmark_id"] = _names(seen.identity, log.identity_names)
     if log.class_names:

@@ -16,7 +16,7 @@ from .text import read_text
 from .wheels import Wheels, parse_wheels
 
 FORMAT_VERSION = 1
-CONFIG_KEYS = ("motion", "sensor", "association", "filter", "initial_pose")
+CONFIG_KEYS = ("motion", "sensor", "sensors", "association", "filter", "initial_pose")
 KEYS = ("format_version", "name", *CONFIG_KEYS, "wheels", "truth_landmarks_complete")
 SENSOR_MODELS = ("range_bearing", "range", "bearing")
 REAR_AXLE = {"encoder_left_m": 0.0, "sensor_ahead_m": 0.0, "sensor_left_m": 0.0}
@@ -63,7 +63,7 @@ def checked_settings(settings: dict[str, Any], path: Path, line_of_key: dict[str
     if version != FORMAT_VERSION:
         found = "is missing" if version is None else f"got {version}"
         raise DataError(f"format_version: {found}, expected {FORMAT_VERSION}", path)
-    if "sensor" not in settings:
+    if "sensor" not in settings and "sensors" not in settings:
         raise DataError("sensor is missing: add sensor: " + LEAST_SENSOR, path)
     _check_model(settings, "motion", MODELS, path)
     _check_model(settings, "sensor", SENSOR_MODELS, path)
@@ -105,14 +105,18 @@ def _check_model(settings: dict[str, Any], key: str, known: tuple[str, ...], pat
 
 def _without_noise(config: dict[str, Any]) -> tuple[str, ...]:
     """Says which noise is that of the defaults, since no log can do without."""
-    missing = [
-        key
-        for key in ("motion", "sensor")
-        if not any("std" in name or "alpha" in name for name in config.get(key, {}))
-    ]
+    sections = {
+        "motion": [config.get("motion", {})],
+        "sensor": list(config.get("sensors", {}).values()) or [config.get("sensor", {})],
+    }
+    missing = [key for key, each in sections.items() if not all(map(_says_noise, each))]
     return (
         (f"log.yaml says nothing of the noise of {' and '.join(missing)}: defaults hold",) if missing else ()
     )
+
+
+def _says_noise(section: object) -> bool:
+    return isinstance(section, dict) and any("std" in name or "alpha" in name for name in section)
 
 
 def place_on_axle(motion: dict[str, Any]) -> tuple[str, ...]:

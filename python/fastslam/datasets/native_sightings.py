@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,6 +34,7 @@ QUANTITIES = (
         ),
         is_text=True,
     ),
+    Quantity("sensor", (), is_text=True),
     Quantity("class", ("color", "colour", "class_name", "category"), is_text=True),
     Quantity("signature", ("diameter_m",)),
     Quantity("range_variance_m2", (), "m2"),
@@ -52,23 +53,31 @@ class SightingsFile:
     sightings: Sightings
     identity_names: tuple[str, ...] = ()
     class_names: tuple[str, ...] = ()
+    sensor_names: tuple[str, ...] = ()
     problems: tuple[Problem, ...] = ()
     notes: tuple[str, ...] = ()
     dated: bool = False
     """Whether the stamps are dates."""
 
 
-def read_sightings(path: Path, *, measures: Sequence[str] = BOTH) -> SightingsFile:
+def read_sightings(
+    path: Path, *, measures: Sequence[str] = BOTH, sensors: Collection[str] = ()
+) -> SightingsFile:
     """The sightings, polar or Cartesian, in any of the dialects. Errors: DataError with file and line.
 
     `measures` are the columns of the sensor's model; the other one is not asked for, and not kept.
+    `sensors` are the names of the log's `sensors`.
     """
-    return sightings_of(read_csv(path, example=EXAMPLE, allow_empty=True), measures=measures)
+    table = read_csv(path, example=EXAMPLE, allow_empty=True)
+    return sightings_of(table, measures=measures, sensors=sensors)
 
 
-def sightings_of(table: CsvTable, *, measures: Sequence[str] = BOTH) -> SightingsFile:
+def sightings_of(
+    table: CsvTable, *, measures: Sequence[str] = BOTH, sensors: Collection[str] = ()
+) -> SightingsFile:
     """The sightings that a table holds under any of the names known. Errors: DataError with its line."""
     table = name_columns(table, QUANTITIES, ignored=IGNORED)
+    sensor_index, sensor_names = _sensors(table, sensors)
     cartesian = _is_cartesian(table, measures=measures)
     identity, identity_names = _named(*_labels(table, "landmark_id"))
     class_index, class_names = _labels(table, "class")
@@ -84,12 +93,17 @@ def sightings_of(table: CsvTable, *, measures: Sequence[str] = BOTH) -> Sighting
         class_index=class_index,
         signature=signature,
         covariance=_point_covariance(table) if cartesian else _covariance(table, COVARIANCE_COLUMNS),
+        sensor_index=sensor_index,
     )
     left_out = [column for column in BOTH if column not in measures and column in table.index_of]
     notes = tuple(
         f"sensor.model is {measures[0].partition('_')[0]}: the {column.partition('_')[0]}s are not used"
         for column in ([] if cartesian else left_out)
     )
+    if len(sensor_names) > 1 and not sensors:
+        notes += (
+            f"sightings are of {', '.join(sensor_names)}, which a run needs `sensors` for: log.yaml has none",
+        )
     sightings, problems = clean_sightings(raw, path=table.path, lines=table.lines, measures=measures)
     if not table.lines:
         problems = (Problem(f"{table.path.name} holds no sighting: only the odometry is left"),)
@@ -97,6 +111,7 @@ def sightings_of(table: CsvTable, *, measures: Sequence[str] = BOTH) -> Sighting
         sightings,
         identity_names,
         class_names,
+        sensor_names,
         table.problems + problems,
         table.notes + notes,
         dated=table.has_dates("stamp_s"),
@@ -125,6 +140,28 @@ def _labels(table: CsvTable, name: str) -> tuple[Ints, tuple[str, ...]]:
     if name in table.index_of:
         return table.labels(name)
     return np.full(len(table.lines), -1, dtype=np.int64), ()
+
+
+def _sensors(table: CsvTable, known: Collection[str]) -> tuple[Ints | None, tuple[str, ...]]:
+    """Which sensor made each row, and their names; None without the column.
+
+    Errors: DataError for a name that is none of `known`, where there are any, and for rows without one.
+    """
+    expected = ", ".join(known)
+    if "sensor" not in table.index_of:
+        if len(known) > 1:
+            message = (
+                f"column sensor is missing: log.yaml has the sensors {expected}, and each row must name one"
+            )
+            raise DataError(message, table.path, table.header_line)
+        return None, ()
+    index, names = table.labels("sensor")
+    wrong = np.array([*(name not in known for name in names), len(known) > 1])[index]
+    if known and wrong.any():
+        row = int(np.argmax(wrong))
+        got = names[index[row]] if index[row] >= 0 else "nothing"
+        raise DataError(f"sensor: got {got}, expected one of {expected}", table.path, table.lines[row])
+    return (index, names) if names else (None, ())
 
 
 def _named(indices: Ints, names: tuple[str, ...]) -> tuple[Ints, tuple[str, ...]]:

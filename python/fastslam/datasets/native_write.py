@@ -61,10 +61,12 @@ def _check(log: Log, folder: Path) -> None:
     """Everything that may be refused, before the first file is written."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise DataError("exists and is not an empty folder: choose another", folder)
-    if log.config.get("motion", {}).get("model") not in HEADERS or "sensor" not in log.config:
+    if log.config.get("motion", {}).get("model") not in HEADERS or log.config.keys().isdisjoint(
+        ("sensor", "sensors")
+    ):
         raise DataError(f"log {log.name} has no motion model and sensor settings to write", folder)
     truth_names = () if log.truth_landmarks is None else log.truth_landmarks.names
-    for name in (*log.identity_names, *log.class_names, *truth_names):
+    for name in (*log.identity_names, *log.class_names, *log.sensor_names, *truth_names):
         if not name or name != name.strip() or not name.isprintable():
             raise DataError(f"name {name!r} is empty, has blanks around it or cannot be printed", folder)
 

@@ -107,6 +107,7 @@ def examine(log: Log, config: Layer | None = None) -> tuple[Finding, ...]:
         return ()
     subject = prepare(log, config)
     checks = CHECKS
-    if subject.config["sensor"]["model"] != "range_bearing":
+    several = bool(log.sensor_names) and not subject.log.sensor_names
+    if several or subject.config["sensor"]["model"] != "range_bearing":
         checks = tuple(check for check in CHECKS if check.code in WITHOUT_BEARINGS)
     return tuple(finding for check in checks for finding in check.looks(subject))

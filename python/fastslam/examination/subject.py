@@ -14,6 +14,7 @@ from ..detection import with_sightings
 from ..errors import FastSlamError
 from ..log import Floats, Log
 from ..settings import Layer
+from ..several import as_of_one
 from .evidence import Explanation, explain
 from .stretches import Bench, Trial, only_used, stretches
 
@@ -112,5 +113,4 @@ def prepare(log: Log, config: Layer | None = None) -> Subject:
         seen = with_sightings(log)
     except FastSlamError:
         return Subject(log, settings)
-    settings = dict(Config.resolve(seen.config, config or {}))
-    return Subject(seen, settings)
+    return Subject(*as_of_one(seen, Config.resolve(seen.config, config or {})))

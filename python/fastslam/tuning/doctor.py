@@ -16,6 +16,7 @@ from ..examination.stretches import Bench
 from ..examination.subject import prepare
 from ..log import Floats, Log
 from ..settings import Layer
+from ..several import refuse_several
 from .begin import DELAYS_S, LEAST_GAIN, LEAST_QUESTIONS, SPEED_GAINS, TURN_GAINS, nats_by_part, nats_of
 from .learn import wide_noise
 
@@ -72,6 +73,7 @@ def diagnose(log: Log, config: Layer | None = None) -> Diagnosis:
     `config` is laid over the log's own settings. The log-odds are those of the sightings of one moment, moved
     by the odometry, against what is seen a moment later. Errors: ConfigError for `config`.
     """
+    refuse_several({**log.config, **(config or {})}, "doctor")
     findings = examine(log, config)
     if any(finding.severity == "error" for finding in findings) or len(log.controls.stamp_s) < 2:
         return Diagnosis((), findings, 0)

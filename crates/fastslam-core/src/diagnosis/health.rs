@@ -144,6 +144,21 @@ impl Outlook<'_> {
     }
 }
 
+/// What the watch knows of one of several sensors.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(crate) struct Gaze {
+    view: View,
+    /// Where the robot was when it last looked at the map with it.
+    last: Option<Pose>,
+}
+
+impl Gaze {
+    /// Of a sensor with this view that has not looked yet.
+    pub fn new(view: View) -> Self {
+        Self { view, last: None }
+    }
+}
+
 /// One scan in so many is examined.
 ///
 /// **Why:** an examination costs as much as about a hundred sightings of a particle, and neighbouring scans tell the
@@ -250,6 +265,12 @@ impl Watch {
             blindness: Blindness::default(),
             looks: Looks::default(),
         }
+    }
+
+    /// Exchanges what is known of the sensor that looks with that of another one.
+    pub fn swap(&mut self, gaze: &mut Gaze) {
+        std::mem::swap(&mut self.view, &mut gaze.view);
+        std::mem::swap(self.looks.last(), &mut gaze.last);
     }
 
     /// Begins a step with so many sightings; a scan is a step with some.

@@ -73,6 +73,11 @@ impl Looks {
         new
     }
 
+    /// Where the last one was taken from.
+    pub fn last(&mut self) -> &mut Option<Pose> {
+        &mut self.last
+    }
+
     /// Takes note of whether a landmark that is in view was sighted, in what the scan shows of the map.
     pub fn looked(&mut self, in_view: &mut MapInView, landmark: InView) {
         let share = self.add(landmark);

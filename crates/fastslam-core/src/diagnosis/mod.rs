@@ -2,6 +2,7 @@
 //!
 //! Serves the particle filter and EKF-SLAM alike and knows neither: they hand over what they predicted and what came.
 
+pub(crate) mod by_sensor;
 pub(crate) mod detectability;
 pub(crate) mod health;
 pub(crate) mod innovations;

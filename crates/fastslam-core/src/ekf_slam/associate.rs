@@ -42,7 +42,7 @@ impl<M: Placing> EkfSlam<M> {
         info: &mut StepInfo,
     ) -> Result<Vec<&'a ScanSighting>> {
         let of_sighting = self.candidates(scan);
-        let rules = self.rules;
+        let rules = self.eye().rules;
         let mut decisions = vec![Decision::Ignored; scan.len()];
         let mut hypothesis = JointHypothesis { filter: self, failure: Ok(()) };
         let among = Candidates { scan, of_sighting: &of_sighting };
@@ -56,9 +56,9 @@ impl<M: Placing> EkfSlam<M> {
     ///
     /// **Why:** a linear search is as nothing beside the correction, and traces bound the largest eigenvalues.
     fn candidates(&self, scan: &[ScanSighting]) -> Vec<Vec<u32>> {
-        let reach = self.rules.gate_radius(&self.model, self.config.sensor.tail());
-        let sensor = self.state.pose.compose(self.T_robot_sensor);
-        let lever_arm_m = self.T_robot_sensor.x.hypot(self.T_robot_sensor.y);
+        let reach = self.eye().rules.gate_radius(&self.eye().model, self.eye().sensor.tail());
+        let sensor = self.state.pose.compose(self.eye().T_robot_sensor);
+        let lever_arm_m = self.eye().T_robot_sensor.x.hypot(self.eye().T_robot_sensor.y);
         let pose = self.state.covariance.of_pose();
         let spread_m: Vec<f64> = (0..self.state.landmarks.len() as u32)
             .map(|index| {
@@ -68,10 +68,12 @@ impl<M: Placing> EkfSlam<M> {
             .collect();
         let find = |sighting: &ScanSighting| {
             let Measured { value, noise, .. } = sighting.measured;
-            let lever_m = self.model.range(value) + lever_arm_m;
-            let variance =
-                pose[0][0] + pose[1][1] + lever_m * lever_m * pose[2][2] + self.model.position_variance(value, noise);
-            let [x, y] = self.model.inverse(sensor, value);
+            let lever_m = self.eye().model.range(value) + lever_arm_m;
+            let variance = pose[0][0]
+                + pose[1][1]
+                + lever_m * lever_m * pose[2][2]
+                + self.eye().model.position_variance(value, noise);
+            let [x, y] = self.eye().model.inverse(sensor, value);
             let near = |index: u32| {
                 let [u, v] = self.landmark_mean(index);
                 (u - x).hypot(v - y) <= reach * ((2.0 * variance).sqrt() + spread_m[index as usize])

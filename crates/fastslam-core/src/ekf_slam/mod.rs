@@ -11,18 +11,21 @@ mod undo;
 
 use crate::association::{by_robot_pose, Appearance, Rules, ScanSighting};
 use crate::config::Config;
-use crate::diagnosis::health::{View as FieldOfView, Vitals, Watch};
+use crate::diagnosis::by_sensor::BySensor;
+use crate::diagnosis::health::{Gaze, View as FieldOfView, Vitals, Watch};
 use crate::diagnosis::innovations::PredictedScan;
 use crate::diagnosis::misfits::Misplaced;
 use crate::diagnosis::names::{Doubt, Misfit, NamedPlace, IMPLAUSIBLE};
 use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::error::{Error, Result};
-use crate::filter::{usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Seen, Sighting, StepInfo, Taken};
+use crate::filter::{
+    usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Scan, Seen, Sighting, StepInfo, Taken,
+};
 use crate::geometry::{moved_by, Pose, Symmetric2};
 use crate::landmark::{first_sighting, fit_with_tail, Fit, Measured};
 use crate::limits::LARGEST_STATE;
 use crate::math::wrap_angle;
-use crate::measurement::{Placing, RangeBearing};
+use crate::measurement::{Placing, RangeBearing, Sensor};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::real::Dual;
 use crate::step_info::NoiseInWindow;
@@ -61,9 +64,10 @@ struct Landmark {
 pub struct EkfSlam<M = RangeBearing> {
     config: Config,
     identities: Identities,
-    model: M,
-    T_robot_sensor: Pose,
-    rules: Rules,
+    /// The sensors, by number.
+    eyes: Vec<Eye<M>>,
+    /// Which of them made the scan.
+    looking: usize,
     state: State,
     gain: VectorPair,
     /// Sightings of known landmarks in this scan.
@@ -71,6 +75,21 @@ pub struct EkfSlam<M = RangeBearing> {
     /// What the sightings of the last scan were taken for.
     seen: Vec<Seen>,
     before: undo::Before,
+}
+
+/// How one sensor sees, and what follows from it.
+struct Eye<M> {
+    sensor: Sensor,
+    model: M,
+    T_robot_sensor: Pose,
+    rules: Rules,
+}
+
+impl<M: Placing> Eye<M> {
+    fn new(config: &Config, sensor: &Sensor, model: M) -> Self {
+        let rules = Rules::new(&config.seeing_with(sensor), &model);
+        Self { sensor: sensor.clone(), model, T_robot_sensor: sensor.T_robot_sensor(), rules }
+    }
 }
 
 /// What a step needs of those before it: all that a snapshot holds.
@@ -90,6 +109,9 @@ struct State {
     watch: Watch,
     /// What the sliding window said of the noise when it was last looked at.
     noise_report: NoiseReport,
+    /// What the watch knows of each of several sensors; behind the others in a snapshot, which older formats did not have.
+    #[serde(skip)]
+    gazes: BySensor<Gaze>,
 }
 
 impl State {
@@ -104,9 +126,19 @@ impl State {
             covariance: Covariance::new(),
             trail: Vec::new(),
             steps: 0,
-            watch: Watch::new(config.health, FieldOfView::of(config)),
+            watch: Watch::new(config.health, FieldOfView::of(&config.seeing_with(config.each_sensor()[0]))),
             noise_report: NoiseReport::default(),
+            gazes: gazes(config),
         }
+    }
+}
+
+/// Of sensors that have not looked yet; of the only one nothing stands here.
+fn gazes(config: &Config) -> BySensor<Gaze> {
+    let gaze = |sensor: &Sensor| Gaze::new(FieldOfView::of(&config.seeing_with(sensor)));
+    match config.each_sensor().as_slice() {
+        [_] => BySensor::default(),
+        several => BySensor::new(several.iter().map(|sensor| gaze(sensor))),
     }
 }
 
@@ -130,8 +162,8 @@ impl EkfSlam {
     ///
     /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
     pub fn new(config: Config, identities: Identities) -> Result<Self> {
-        let model = config.sensor.range_bearing()?;
-        Self::with_model(config, identities, model)
+        let models = config.each_sensor().into_iter().map(Sensor::range_bearing).collect::<Result<_>>()?;
+        Self::with_models(config, identities, models)
     }
 }
 
@@ -139,19 +171,33 @@ impl<M: Placing> EkfSlam<M> {
     /// A filter for any measurement model, which brings its own noise; of `Config::sensor` the limits, the tail and
     /// the mounting count.
     pub fn with_model(config: Config, identities: Identities, model: M) -> Result<Self> {
+        Self::with_models(config, identities, vec![model])
+    }
+
+    /// The same with a model for each sensor.
+    fn with_models(config: Config, identities: Identities, models: Vec<M>) -> Result<Self> {
         config.validate()?;
+        let sensors = config.each_sensor();
+        if sensors.len() != models.len() {
+            let expected = format!("as many as measurement models ({})", models.len());
+            return Err(Error::parameter("sensors", sensors.len(), expected));
+        }
         Ok(Self {
             identities: identities.heeding(config.association.mode),
-            T_robot_sensor: config.sensor.T_robot_sensor(),
-            rules: Rules::new(&config, &model),
+            eyes: sensors.into_iter().zip(models).map(|(sensor, model)| Eye::new(&config, sensor, model)).collect(),
+            looking: 0,
             state: State::new(&config),
             gain: VectorPair::new(),
             seen_again: Vec::new(),
             seen: Vec::new(),
             before: undo::Before::default(),
-            model,
             config,
         })
+    }
+
+    /// How the sensor sees that made the scan.
+    fn eye(&self) -> &Eye<M> {
+        &self.eyes[self.looking]
     }
 
     /// The configuration in force.
@@ -173,20 +219,31 @@ impl<M: Placing> EkfSlam<M> {
         Ok(())
     }
 
-    /// Processes all sightings of one stamp (there may be none).
+    /// Processes all sightings of one stamp (there may be none) of the only sensor, or the first one.
     ///
-    /// **Errors:** [`Error::NotPositiveDefinite`] and [`Error::NotFinite`] when rounding would spoil the state, which then
-    /// is as it was before the scan, to the last bit.
+    /// **Errors:** as [`EkfSlam::take`].
     pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
-        self.remember();
-        self.take_in(stamp_s, sightings).inspect_err(|_| self.go_back())
+        self.take(Scan::new(stamp_s, sightings))
     }
 
-    fn take_in(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+    /// Processes all that one sensor saw at one stamp (there may be nothing).
+    ///
+    /// **Errors:** [`Error::Input`] for a sensor beyond those configured; [`Error::NotPositiveDefinite`] and
+    /// [`Error::NotFinite`] when rounding would spoil the state, which then is as it was before the scan, to the last bit.
+    pub fn take(&mut self, scan: Scan<'_>) -> Result<StepInfo> {
+        self.config.check_sensor(scan.sensor)?;
+        self.looking = scan.sensor;
+        let State { gazes, watch, .. } = &mut self.state;
+        gazes.turn_to(scan.sensor, |gaze| watch.swap(gaze));
+        self.remember();
+        self.take_in(scan).inspect_err(|_| self.go_back())
+    }
+
+    fn take_in(&mut self, Scan { stamp_s, sightings, .. }: Scan<'_>) -> Result<StepInfo> {
         let mut info = StepInfo { step: self.state.steps, ..StepInfo::default() };
         (info.weighing.effective_sample_size, info.sampling.sampled) = (1.0, true);
-        let mut scan: Vec<_> =
-            usable(&self.config.sensor, self.identities, &self.model, sightings, &mut info.left_out.skipped).collect();
+        let (eye, skipped) = (self.eye(), &mut info.left_out.skipped);
+        let mut scan: Vec<_> = usable(&eye.sensor, self.identities, &eye.model, sightings, skipped).collect();
         info.sightings = scan.len() as u32;
         self.seen.clear();
         self.move_pose();
@@ -202,7 +259,7 @@ impl<M: Placing> EkfSlam<M> {
                 // A second sighting of a landmark that this scan created.
                 Some(index) if self.identities == Identities::All => {
                     info.weighing.log_likelihood +=
-                        self.rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
+                        self.eye().rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
                 }
                 _ => {
                     let taken = Taken::New(self.state.landmarks.len() as u64);
@@ -295,8 +352,9 @@ impl<M: Placing> EkfSlam<M> {
             names_known: self.identities == Identities::All,
             map_in_view,
         };
-        let model = &self.model;
-        info.health = self.state.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
+        let Self { eyes, looking, state, .. } = self;
+        let model = &eyes[*looking].model;
+        info.health = state.watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
     }
 
     /// Leaves out the sightings of a scan that name a landmark which cannot be seen there, while the others fit; gives up
@@ -333,16 +391,16 @@ impl<M: Placing> EkfSlam<M> {
     ///
     /// **Why:** beside the pose's error, which all landmarks share, one is known as well as by a sighting.
     fn misplaced(&self, measured: &Measured, identity: u32, index: u32) -> Misplaced {
-        let sensor = self.state.pose.compose(self.T_robot_sensor);
-        let shown = first_sighting(&self.model, sensor, measured.value, measured.noise);
+        let sensor = self.state.pose.compose(self.eye().T_robot_sensor);
+        let shown = first_sighting(&self.eye().model, sensor, measured.value, measured.noise);
         Misplaced::new(identity, (self.landmark_mean(index), shown.covariance), (shown.mean, shown.covariance))
     }
 
     fn misfit(&self, sighting: &ScanSighting, identity: u32, index: u32) -> Misfit {
-        let (measured, sensor) = (&sighting.measured, self.state.pose.compose(self.T_robot_sensor));
+        let (measured, sensor) = (&sighting.measured, self.state.pose.compose(self.eye().T_robot_sensor));
         let agrees = self.state.watch.names.other_place(identity).is_some_and(|place| {
-            let linear = self.model.linearize(sensor, place);
-            let innovation = self.model.innovation(measured.value, linear.expected);
+            let linear = self.eye().model.linearize(sensor, place);
+            let innovation = self.eye().model.innovation(measured.value, linear.expected);
             // As uncertain as one more sighting, and as the view of the landmark that the name has.
             let s = self.view(index, measured).s;
             let s = Symmetric2::new(s.xx + measured.noise.xx, s.xy + measured.noise.xy, s.yy + measured.noise.yy);
@@ -352,7 +410,7 @@ impl<M: Placing> EkfSlam<M> {
             position_m: self.landmark_mean(index),
             sightings: self.state.landmarks[index as usize].sightings,
         };
-        let position_m = self.model.inverse(sensor, measured.value);
+        let position_m = self.eye().model.inverse(sensor, measured.value);
         Misfit { identity, position_m, agrees, held, may_be_drift: false }
     }
 
@@ -377,7 +435,7 @@ impl<M: Placing> EkfSlam<M> {
             match sighting.identity.and_then(|identity| self.state.of_identity.get(&identity).copied()) {
                 Some(index) => {
                     info.weighing.log_likelihood +=
-                        self.rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
+                        self.eye().rules.likelihood_exponent * self.correct(index, sighting)?.log_likelihood;
                 }
                 None => new.push(sighting),
             }
@@ -408,8 +466,8 @@ impl<M: Placing> EkfSlam<M> {
     }
 
     fn view(&self, index: u32, measured: &Measured) -> View {
-        let sensor = self.state.pose.compose(self.T_robot_sensor);
-        let linear = self.model.linearize(sensor, self.landmark_mean(index));
+        let sensor = self.state.pose.compose(self.eye().T_robot_sensor);
+        let linear = self.eye().model.linearize(sensor, self.landmark_mean(index));
         let by_pose = by_robot_pose(linear.by_pose, self.state.pose, sensor);
         let row = Self::row(index);
         let h = SparseRows {
@@ -421,7 +479,7 @@ impl<M: Placing> EkfSlam<M> {
         };
         let [[xx, xy], [_, yy]] = self.state.covariance.projected(&h);
         View {
-            innovation: self.model.innovation(measured.value, linear.expected),
+            innovation: self.eye().model.innovation(measured.value, linear.expected),
             h,
             s: Symmetric2::new(xx + measured.noise.xx, xy + measured.noise.xy, yy + measured.noise.yy),
         }
@@ -482,9 +540,10 @@ impl<M: Placing> EkfSlam<M> {
         let values = self.state.pose.to_array();
         let variable = |i: usize, value: f64| Dual::<5>::variable(value, i);
         let robot = Pose::new(variable(0, values[0]), variable(1, values[1]), variable(2, values[2]));
-        let [x, y, yaw] = self.T_robot_sensor.to_array().map(<Dual<5> as crate::real::Real>::constant);
+        let [x, y, yaw] = self.eye().T_robot_sensor.to_array().map(<Dual<5> as crate::real::Real>::constant);
         let z = sighting.measured.value;
-        let place = self.model.inverse(robot.compose(Pose::new(x, y, yaw)), [variable(3, z[0]), variable(4, z[1])]);
+        let place =
+            self.eye().model.inverse(robot.compose(Pose::new(x, y, yaw)), [variable(3, z[0]), variable(4, z[1])]);
         let by_pose = place.map(|v| [v.gradient[0], v.gradient[1], v.gradient[2]]);
         let own = sighting.measured.noise.transformed(place.map(|v| [v.gradient[3], v.gradient[4]]));
         self.state.covariance.add_landmark(row, &by_pose, [[own.xx, own.xy], [own.xy, own.yy]]);

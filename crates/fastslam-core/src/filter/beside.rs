@@ -14,7 +14,8 @@ use super::work::{Asked, Heard, Moment};
 use super::StepInfo;
 use crate::measurement::Placing;
 use crate::motion::RowPart;
-use crate::sighting::Sighting;
+use crate::sighting::Scan;
+use crate::timeline::SightingsRow;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::panic::resume_unwind;
@@ -59,8 +60,9 @@ impl Gains {
 #[derive(Clone)]
 enum Call {
     Moved(RowPart),
-    Scanned(f64, Vec<Sighting>, Progress),
-    Drawn,
+    Scanned(SightingsRow, Progress),
+    /// After a scan of this sensor.
+    Drawn(usize),
 }
 
 /// What a thread is told.
@@ -89,10 +91,10 @@ impl<M: Placing> Follower<M> {
         match call {
             // The filter could follow it from the same motion.
             Call::Moved(part) => drop(self.engine.advance(&part)),
-            Call::Scanned(stamp_s, sightings, progress) => self.scan((stamp_s, &sightings), progress),
-            Call::Drawn => {
-                let (Engine { setup, state, work, .. }, mut info) = (&mut self.engine, StepInfo::default());
-                draw_in_place(setup, state, work, &mut info);
+            Call::Scanned(row, progress) => self.scan(row.scan(), progress),
+            Call::Drawn(sensor) => {
+                let (Engine { setups, state, work, .. }, mut info) = (&mut self.engine, StepInfo::default());
+                draw_in_place(setups.of(sensor), state, work, &mut info);
                 self.gains.add(&Gains::of(&info));
             }
         }
@@ -101,8 +103,8 @@ impl<M: Placing> Follower<M> {
         self.engine.work.draws.tell(Heard::Done);
     }
 
-    fn scan(&mut self, scan: (f64, &[Sighting]), progress: Progress) {
-        let passed_over = Gains { ignored: scan.1.len() as u32, ..Gains::default() };
+    fn scan(&mut self, scan: Scan<'_>, progress: Progress) {
+        let passed_over = Gains { ignored: scan.sightings.len() as u32, ..Gains::default() };
         let gains = self.engine.update(scan, progress).map_or(passed_over, |info| Gains::of(&info));
         self.gains.add(&gains);
     }
@@ -308,7 +310,7 @@ impl<M: Placing> Beside<M> {
     pub fn restored(engine: &mut Engine<M>, gains: Gains, kept: Option<Kept>) -> Self {
         let under_way = kept.map(|Kept { course, gains, begun, state }| {
             set_drawing(&mut engine.state, Drawing::UnderWay);
-            let mut follower = Follower { engine: Engine::new(&engine.setup, state), gains };
+            let mut follower = Follower { engine: Engine::new(&engine.setups, state), gains };
             follower.engine.work.draws.count = begun;
             UnderWay { course, place: Place::new(follower) }
         });
@@ -331,9 +333,9 @@ impl<M: Placing> Beside<M> {
     }
 
     /// The filter has taken a scan; what it left to a follower begins.
-    pub fn scanned(&mut self, engine: &mut Engine<M>, (stamp_s, sightings): (f64, &[Sighting]), info: &mut StepInfo) {
+    pub fn scanned(&mut self, engine: &mut Engine<M>, scan: Scan<'_>, info: &mut StepInfo) {
         let log_likelihood = info.weighing.log_likelihood;
-        let scanned = |progress: Progress| Call::Scanned(stamp_s, sightings.to_vec(), progress);
+        let scanned = |progress: Progress| Call::Scanned(SightingsRow::from(scan), progress);
         if let Some(UnderWay { course, place }) = &mut self.under_way {
             course.scans += 1;
             course.log_likelihood += log_likelihood;
@@ -342,10 +344,10 @@ impl<M: Placing> Beside<M> {
         if let Some(Asked { state, moment }) = engine.asked() {
             let (log_likelihood, first) = match moment {
                 Moment::BeforeScan => (log_likelihood, scanned(Progress::Begun)),
-                Moment::AfterScan => (0.0, Call::Drawn),
+                Moment::AfterScan => (0.0, Call::Drawn(scan.sensor)),
             };
             let course = Course { scans: 1, due: delay_of(engine), draws: 1, log_likelihood };
-            let follower = Follower { engine: Engine::new(&engine.setup, state), gains: Gains::default() };
+            let follower = Follower { engine: Engine::new(&engine.setups, state), gains: Gains::default() };
             let mut place = Place::new(follower);
             place.tell(first);
             self.under_way = Some(UnderWay { course, place });
@@ -373,7 +375,7 @@ impl<M: Placing> Beside<M> {
 }
 
 fn delay_of<M>(engine: &Engine<M>) -> u32 {
-    engine.setup.settings.config.filter.rejuvenation.delay_scans
+    engine.setups.config.filter.rejuvenation.delay_scans
 }
 
 fn set_drawing(state: &mut State, drawing: Drawing) {

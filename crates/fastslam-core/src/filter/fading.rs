@@ -12,6 +12,7 @@ use crate::diagnosis::detectability::{Detectability, Place};
 use crate::diagnosis::looks::is_another_look;
 use crate::geometry::Pose;
 use crate::math;
+use crate::measurement::Common;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -27,6 +28,22 @@ const TRUSTED: f64 = 2.2;
 const SURE: f64 = 4.6;
 /// Landmarks that are taken to have turned out real before any did.
 const REAL_BEFORE: f64 = 5.0;
+
+/// What is known of one of several sensors.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct Acuity {
+    detectability: Detectability,
+    /// Where it was at the last look.
+    last: Option<Pose>,
+}
+
+impl Acuity {
+    /// Of a sensor of which nothing is known but its limits.
+    pub fn new(sensor: &Common) -> Self {
+        Self { detectability: Detectability::new(sensor), last: None }
+    }
+}
+
 /// What speaks for and against the landmarks, and what is known of the sensor.
 #[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Fading {
@@ -68,6 +85,12 @@ impl Fading {
             faded: 0,
             scans: 0,
         })
+    }
+
+    /// Exchanges what is known of the sensor that looks with that of another one.
+    pub fn swap(&mut self, other: &mut Acuity) {
+        std::mem::swap(&mut self.detectability, &mut other.detectability);
+        std::mem::swap(&mut self.last, &mut other.last);
     }
 
     /// A scan came.

@@ -18,6 +18,7 @@ mod estimate;
 mod examine;
 mod existence;
 mod extent;
+mod eyes;
 mod fading;
 mod given;
 mod imagine;
@@ -49,7 +50,7 @@ mod work;
 pub(crate) use beliefs::draw as draw_pose;
 
 pub use crate::association::Identities;
-pub use crate::sighting::{Seen, Sighting, Skipped, Taken};
+pub use crate::sighting::{Scan, Seen, Sighting, Skipped, Taken};
 pub use crate::step_info::{LeftOut, MapChanges, NoiseInWindow, Sampling, StepInfo, Weighing};
 pub use estimate::{MapEstimate, MapLandmark};
 pub use given::GivenUse;
@@ -61,15 +62,16 @@ use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::Result;
 use crate::geometry::{Pose, Symmetric2};
 use crate::given::{Beginning, GivenLandmark};
-use crate::measurement::{Placing, RangeBearing};
+use crate::measurement::{Placing, RangeBearing, Sensor};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::path::PathForest;
 use crate::store::StoreUsage;
 use beside::Beside;
 use engine::Engine;
+use eyes::fresh_eyes;
 use landmarks::Landmarks;
 use rounds::Progress;
-use setup::{Settings, Setup};
+use setup::{Settings, Setup, Setups};
 use state::State;
 use std::sync::Arc;
 
@@ -96,8 +98,8 @@ impl FastSlam {
     ///
     /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
     pub fn new(config: Config, identities: Identities) -> Result<Self> {
-        let model = config.sensor.range_bearing()?;
-        Self::with_model(config, identities, model)
+        let models = config.each_sensor().into_iter().map(Sensor::range_bearing).collect::<Result<_>>()?;
+        Self::with_models(config, identities, models)
     }
 }
 
@@ -114,17 +116,23 @@ impl<M: Placing> FastSlam<M> {
     /// A filter for any measurement model, which brings its own noise; of `Config::sensor` the limits, the tail and
     /// the mounting count.
     pub fn with_model(config: Config, identities: Identities, model: M) -> Result<Self> {
-        let setup = Setup::new(config, identities, model)?;
-        let Settings { config, identities, gate_radius, .. } = &setup.settings;
-        let mut landmarks = Landmarks::new(config, *identities, setup.cell_m(), *gate_radius);
-        landmarks.set_workers(&setup.workers);
-        let state = State::new(config, landmarks);
-        Ok(Self { engine: Engine::new(&Arc::new(setup), state), beside: Beside::default() })
+        Self::with_models(config, identities, vec![model])
+    }
+
+    /// The same with a model for each sensor; they differ in nothing but their noise.
+    fn with_models(config: Config, identities: Identities, models: Vec<M>) -> Result<Self> {
+        let setups = Setups::new(config, identities, models)?;
+        let Setup { settings: Settings { config, identities, .. }, workers, .. } = setups.first();
+        let mut landmarks = Landmarks::new(config, *identities, setups.cell_m(), setups.gate_radius());
+        landmarks.set_workers(workers);
+        let mut state = State::new(config, landmarks);
+        state.diagnosis.eyes = fresh_eyes(&setups);
+        Ok(Self { engine: Engine::new(&Arc::new(setups), state), beside: Beside::default() })
     }
 
     /// The configuration in force.
     pub fn config(&self) -> &Config {
-        &self.engine.setup.settings.config
+        &self.engine.setups.config
     }
 
     /// Starts in a given map, at a given pose: before anything else.
@@ -134,7 +142,7 @@ impl<M: Placing> FastSlam<M> {
     /// **Errors:** [`Error::Parameter`](crate::error::Error::Parameter) for a landmark or a start that makes no sense,
     /// [`Error::Input`](crate::error::Error::Input) when the filter has begun.
     pub fn begin(&mut self, beginning: &Beginning) -> Result<()> {
-        beginning::begin(&self.engine.setup, &mut self.engine.state, beginning)
+        beginning::begin(self.engine.setups.first(), &mut self.engine.state, beginning)
     }
 
     /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`: a whole row.
@@ -154,18 +162,25 @@ impl<M: Placing> FastSlam<M> {
         Ok(())
     }
 
-    /// Processes all sightings of one stamp (there may be none).
+    /// Processes all sightings of one stamp (there may be none) of the only sensor, or the first one.
     ///
-    /// **Errors:** [`Error::Input`](crate::error::Error::Input) for a class beyond those configured;
+    /// **Errors:** as [`FastSlam::take`].
+    pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+        self.take(Scan::new(stamp_s, sightings))
+    }
+
+    /// Processes all that one sensor saw at one stamp (there may be nothing).
+    ///
+    /// **Errors:** [`Error::Input`](crate::error::Error::Input) for a class or sensor beyond those configured;
     /// [`Error::AllWeightsZero`](crate::error::Error::AllWeightsZero) when no particle can explain the sightings;
     /// [`Error::NotFinite`](crate::error::Error::NotFinite) when the step would leave a number that is none. The filter
     /// is then as it was before the scan, and can go on. Only after numbers that are none from a measurement model of
     /// one's own all particles count the same, and landmarks at no place that can be computed with are gone.
-    pub fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+    pub fn take(&mut self, scan: Scan<'_>) -> Result<StepInfo> {
         let Self { engine, beside } = self;
         beside.take_over_when_due(engine);
-        let mut info = engine.update((stamp_s, sightings), Progress::New)?;
-        beside.scanned(engine, (stamp_s, sightings), &mut info);
+        let mut info = engine.update(scan, Progress::New)?;
+        beside.scanned(engine, scan, &mut info);
         Ok(info)
     }
 
@@ -177,7 +192,7 @@ impl<M: Placing> FastSlam<M> {
     pub fn rejuvenate(&mut self) -> bool {
         let Self { engine, beside } = self;
         let has_changed = beside.take_over(engine);
-        let has_drawn = rejuvenation::rejuvenate(&engine.setup, &mut engine.state, &mut engine.work);
+        let has_drawn = rejuvenation::rejuvenate(engine.setups.first(), &mut engine.state, &mut engine.work);
         if has_drawn {
             imagine::report_errors(&mut engine.state);
         }
@@ -201,7 +216,7 @@ impl<M: Placing> FastSlam<M> {
     /// **Errors:** [`Error::Input`](crate::error::Error::Input) when the bytes are no snapshot, of another format,
     /// damaged, or of another configuration; the filter is then as it was.
     pub fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
-        (self.engine, self.beside) = snapshot::restored(&self.engine.setup, snapshot)?;
+        (self.engine, self.beside) = snapshot::restored(&self.engine.setups, snapshot)?;
         Ok(())
     }
 
@@ -232,7 +247,7 @@ impl<M: Placing> FastSlam<M> {
 
     /// The pose now, with the motion since the last update.
     pub fn predicted_pose(&mut self) -> PoseEstimate {
-        propose::propose(&self.engine.setup, &self.engine.state, &mut self.engine.work.beliefs);
+        propose::propose(self.engine.setups.first(), &self.engine.state, &mut self.engine.work.beliefs);
         estimate::estimate_beliefs(&mut self.engine.state, &self.engine.work.beliefs);
         imagine::report_errors(&mut self.engine.state);
         self.engine.state.estimate
@@ -275,7 +290,7 @@ impl<M: Placing> FastSlam<M> {
 
     /// The map: the landmarks that the best particle holds, each as the mixture over all particles that hold it.
     pub fn map(&mut self) -> MapEstimate {
-        estimate::estimate_map(&self.engine.setup.settings, &mut self.engine.state)
+        estimate::estimate_map(&self.engine.setups.first().settings, &mut self.engine.state)
     }
 
     /// The landmarks of one particle's own map: slot birth, mean and covariance.

@@ -44,10 +44,10 @@ pub(super) fn remember_start(state: &mut State, mean: Pose, spread: &MotionGauss
 }
 
 /// Remembers that a pose was added to every path; returns the motion that led to it.
-pub(super) fn remember_step(state: &mut State) -> Option<MotionGaussian> {
+pub(super) fn remember_step<M>(setup: &Setup<M>, state: &mut State) -> Option<MotionGaussian> {
     let best = state.particles.best();
     let rejuvenation = state.rejuvenation.as_mut()?;
-    let motion = rejuvenation.history.step_done();
+    let motion = rejuvenation.history.step_done(setup.models.sensor);
     if let Some(need) = &mut rejuvenation.need {
         need.step_done(&motion, state.particles.pose(best));
     }
@@ -220,7 +220,7 @@ fn graph_of<'a, M: Placing>(
     Some(Graph {
         history: &state.rejuvenation.as_ref()?.history,
         model: &setup.models.measurement,
-        T_robot_sensor: setup.models.T_robot_sensor,
+        mountings: &setup.models.mountings,
         likelihood_exponent: setup.settings.config.filter.likelihood_exponent,
         first_free,
         landmarks: sights(state, places, first_free)?,

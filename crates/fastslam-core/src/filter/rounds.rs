@@ -82,7 +82,7 @@ pub(super) fn process_rounds<M: Placing>(
     if info.sampling.sampled {
         let particles = &state.particles;
         state.path.extend(stamp_s, &setup.workers, |i| particles.pose(i));
-        if let Some(motion) = remember_step(state) {
+        if let Some(motion) = remember_step(setup, state) {
             imagine(setup, state, &mut work.imagining, &motion);
         }
     }

@@ -5,11 +5,70 @@ use crate::association::{Identities, Rules};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::geometry::Pose;
-use crate::measurement::Placing;
+use crate::measurement::{Placing, Sensor};
 use crate::random::RandomSource;
 use crate::workers::Workers;
+use std::sync::Arc;
 
-/// What no step changes: how the robot sees, what was configured, and the threads.
+/// What no step changes, for the scans of each sensor.
+pub(super) struct Setups<M> {
+    /// As it was given.
+    pub config: Config,
+    each: Vec<Setup<M>>,
+}
+
+impl<M: Placing> Setups<M> {
+    /// For a configuration and the measurement models of its sensors; `identities` says which sightings will come with one.
+    pub fn new(config: Config, identities: Identities, models: Vec<M>) -> Result<Self> {
+        config.validate()?;
+        if config.algorithm == Algorithm::Ekf {
+            return Err(Error::parameter("algorithm", "ekf", "fastslam1 or fastslam2; EKF-SLAM is a type of its own"));
+        }
+        let sensors = config.each_sensor();
+        if sensors.len() != models.len() {
+            let expected = format!("as many as measurement models ({})", models.len());
+            return Err(Error::parameter("sensors", sensors.len(), expected));
+        }
+        let workers = Workers::new(config.filter.threads)?;
+        let mountings: Arc<[Pose]> = sensors.iter().map(|sensor| sensor.T_robot_sensor()).collect();
+        let models = models.into_iter().enumerate().map(|(sensor, model)| Models::new(sensor, model, &mountings));
+        let setup = |(models, sensor): (Models<M>, &&Sensor)| {
+            let settings = Settings::new(config.seeing_with(sensor), identities, &models.measurement);
+            Setup { models, settings, workers: workers.clone() }
+        };
+        let each = models.zip(&sensors).map(setup).collect();
+        Ok(Self { config, each })
+    }
+
+    /// The largest reach of the association in standard deviations.
+    pub fn gate_radius(&self) -> f64 {
+        self.each.iter().map(|setup| setup.settings.gate_radius).fold(0.0, f64::max)
+    }
+
+    /// Size of a cell of the index of landmarks: about as far as one of them is looked for.
+    pub fn cell_m(&self) -> f64 {
+        self.each.iter().map(Setup::cell_m).fold(0.0, f64::max)
+    }
+}
+
+impl<M> Setups<M> {
+    /// One for each sensor.
+    pub fn each(&self) -> &[Setup<M>] {
+        &self.each
+    }
+
+    /// That of the first sensor, for what does not depend on it.
+    pub fn first(&self) -> &Setup<M> {
+        &self.each[0]
+    }
+
+    /// That of the sensor with this number, which there must be.
+    pub fn of(&self, sensor: usize) -> &Setup<M> {
+        &self.each[sensor]
+    }
+}
+
+/// What no step changes: how a sensor of the robot sees, what was configured, and the threads.
 #[derive(Clone)]
 pub(super) struct Setup<M> {
     pub models: Models<M>,
@@ -17,16 +76,20 @@ pub(super) struct Setup<M> {
     pub workers: Workers,
 }
 
-/// How the robot sees.
+/// How one sensor of the robot sees.
 #[derive(Clone, Debug)]
 pub(super) struct Models<M> {
+    /// Its number.
+    pub sensor: usize,
     pub measurement: M,
     pub T_robot_sensor: Pose,
     /// How far the sensor stands from the robot's origin.
     pub lever_arm_m: f64,
+    /// Where all sensors sit.
+    pub mountings: Arc<[Pose]>,
 }
 
-/// What was configured, with what follows from it.
+/// What was configured, with what follows from it; of several sensors, as if it were for this one alone.
 #[derive(Clone, Debug)]
 pub(super) struct Settings {
     pub config: Config,
@@ -37,25 +100,26 @@ pub(super) struct Settings {
     pub random: RandomSource,
 }
 
-impl<M: Placing> Setup<M> {
-    /// For a configuration and a measurement model; `identities` says which sightings will come with one.
-    pub fn new(config: Config, identities: Identities, measurement: M) -> Result<Self> {
-        config.validate()?;
-        if config.algorithm == Algorithm::Ekf {
-            return Err(Error::parameter("algorithm", "ekf", "fastslam1 or fastslam2; EKF-SLAM is a type of its own"));
-        }
-        let identities = identities.heeding(config.association.mode);
-        let rules = Rules::new(&config, &measurement);
-        let gate_radius = rules.gate_radius(&measurement, config.sensor.tail());
-        let workers = Workers::new(config.filter.threads)?;
-        let T_robot_sensor = config.sensor.T_robot_sensor();
-        let models = Models { measurement, T_robot_sensor, lever_arm_m: T_robot_sensor.x.hypot(T_robot_sensor.y) };
-        let random = RandomSource::new(config.seed);
-        Ok(Self { models, settings: Settings { config, identities, rules, gate_radius, random }, workers })
+impl<M> Models<M> {
+    fn new(sensor: usize, measurement: M, mountings: &Arc<[Pose]>) -> Self {
+        let T_robot_sensor = mountings[sensor];
+        let lever_arm_m = T_robot_sensor.x.hypot(T_robot_sensor.y);
+        Self { sensor, measurement, T_robot_sensor, lever_arm_m, mountings: Arc::clone(mountings) }
     }
+}
 
-    /// Size of a cell of the index of landmarks: about as far as one of them is looked for.
-    pub fn cell_m(&self) -> f64 {
+impl Settings {
+    fn new<M: Placing>(config: Config, identities: Identities, measurement: &M) -> Self {
+        let identities = identities.heeding(config.association.mode);
+        let rules = Rules::new(&config, measurement);
+        let gate_radius = rules.gate_radius(measurement, config.sensor.tail());
+        let random = RandomSource::new(config.seed);
+        Self { config, identities, rules, gate_radius, random }
+    }
+}
+
+impl<M: Placing> Setup<M> {
+    fn cell_m(&self) -> f64 {
         (4.0 * self.settings.gate_radius * self.models.measurement.noise_covariance().xx.sqrt()).clamp(0.5, 20.0)
     }
 }

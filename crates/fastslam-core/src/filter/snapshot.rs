@@ -3,16 +3,17 @@
 use super::beside::{Beside, Course, Gains, Kept};
 use super::engine::Engine;
 use super::errors::Errors;
+use super::eyes::{fresh_eyes, Eyes};
 use super::fading::Fading;
 use super::given::Given;
 use super::need::Returns;
-use super::setup::Setup;
+use super::setup::Setups;
 use super::state::{Drawing, State};
 use crate::diagnosis::misfits::Lately;
 use crate::error::Result;
 use crate::measurement::Placing;
 use crate::random::Purpose;
-use crate::snapshot::{content, open, seal, Head, Holds, BESIDE, ERRORS, FADING, GIVEN_MAPS, RETURNS};
+use crate::snapshot::{content, open, seal, Head, Holds, BESIDE, ERRORS, FADING, GIVEN_MAPS, RETURNS, SENSORS};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -20,20 +21,29 @@ use std::sync::Arc;
 #[derive(Deserialize)]
 struct Former(State, Given, Option<Fading>, (Option<Returns>, Lately));
 
-/// The same with what the last format added.
+/// The same with what the format before the last added.
 #[derive(Deserialize)]
-struct Whole(Former, Option<Errors>);
+struct WithErrors(Former, Option<Errors>);
 
-/// The same, to be written.
+/// The same with what the last format added: what is known of each sensor, and those that made the steps.
+#[derive(Deserialize)]
+struct Whole(WithErrors, (Eyes, Vec<u8>));
+
+/// A former state, to be written.
+type FormerRef<'a> = (&'a State, &'a Given, &'a Option<Fading>, (Option<&'a Returns>, &'a Lately));
+
+/// The whole, to be written.
 #[derive(Serialize)]
-struct WholeRef<'a>((&'a State, &'a Given, &'a Option<Fading>, (Option<&'a Returns>, &'a Lately)), Option<&'a Errors>);
+struct WholeRef<'a>((FormerRef<'a>, Option<&'a Errors>), (&'a Eyes, &'a [u8]));
 
 impl<'a> WholeRef<'a> {
     fn of(state: &'a State) -> Self {
         let returns = state.rejuvenation.as_ref().map(|rejuvenation| &rejuvenation.returns);
         let lately = &state.diagnosis.watch.names.lately;
         let errors = state.rejuvenation.as_ref().map(|rejuvenation| &rejuvenation.errors);
-        Self((state, &state.given, &state.landmarks.fading, (returns, lately)), errors)
+        let sensors = state.rejuvenation.as_ref().map_or(&[][..], |rejuvenation| &rejuvenation.history.sensors);
+        let former = (state, &state.given, &state.landmarks.fading, (returns, lately));
+        Self((former, errors), (&state.diagnosis.eyes, sensors))
     }
 }
 
@@ -42,25 +52,25 @@ impl<'a> WholeRef<'a> {
 struct Draw<W>(Course, Gains, u32, W);
 
 impl<W: Into<State>> Draw<W> {
-    fn kept<M>(self, setup: &Setup<M>) -> Kept {
+    fn kept<M>(self, setups: &Setups<M>) -> Kept {
         let Self(course, gains, begun, whole) = self;
-        Kept { course, gains, begun, state: ready(setup, whole.into(), Drawing::InPlace) }
+        Kept { course, gains, begun, state: ready(setups, whole.into(), Drawing::InPlace) }
     }
 }
 
 /// The state as bytes, and that of what goes on beside it, with a note in their head.
 pub(super) fn save<M>(engine: &Engine<M>, (gains, draw): (Gains, Option<Kept>), note: &str) -> Result<Vec<u8>> {
-    let settings = &engine.setup.settings;
-    let head = Head::new(&settings.config, settings.identities, note)?;
+    let setups = &engine.setups;
+    let head = Head::new(&setups.config, setups.first().settings.identities, note)?;
     let draw = draw.as_ref().map(|kept| (kept.course, kept.gains, kept.begun, WholeRef::of(&kept.state)));
     seal(&head, &(WholeRef::of(&engine.state), gains, draw))
 }
 
 /// A filter in a state that was saved by one of this configuration.
-pub(super) fn restored<M: Placing>(setup: &Arc<Setup<M>>, snapshot: &[u8]) -> Result<(Engine<M>, Beside<M>)> {
+pub(super) fn restored<M: Placing>(setups: &Arc<Setups<M>>, snapshot: &[u8]) -> Result<(Engine<M>, Beside<M>)> {
     let (head, stored) = open(snapshot, Holds::Filter)?;
-    let settings = &setup.settings;
-    head.check(&settings.config, settings.identities)?;
+    let settings = &setups.first().settings;
+    head.check(&setups.config, settings.identities)?;
     // What a state begins with that knows nothing of fading.
     let unfaded = || Fading::of(&settings.config, settings.identities);
     let mut beside = (Gains::default(), None);
@@ -77,16 +87,21 @@ pub(super) fn restored<M: Placing>(setup: &Arc<Setup<M>>, snapshot: &[u8]) -> Re
         RETURNS..BESIDE => content::<Former>(&stored)?.into(),
         BESIDE..ERRORS => {
             let (former, gains, draw): (Former, Gains, Option<Draw<Former>>) = content(&stored)?;
-            beside = (gains, draw.map(|draw| draw.kept(setup)));
+            beside = (gains, draw.map(|draw| draw.kept(setups)));
             former.into()
+        }
+        ERRORS..SENSORS => {
+            let (whole, gains, draw): (WithErrors, Gains, Option<Draw<WithErrors>>) = content(&stored)?;
+            beside = (gains, draw.map(|draw| draw.kept(setups)));
+            whole.into()
         }
         _ => {
             let (whole, gains, draw): (Whole, Gains, Option<Draw<Whole>>) = content(&stored)?;
-            beside = (gains, draw.map(|draw| draw.kept(setup)));
+            beside = (gains, draw.map(|draw| draw.kept(setups)));
             whole.into()
         }
     };
-    let mut engine = Engine::new(setup, ready(setup, state, Drawing::of(&settings.config)));
+    let mut engine = Engine::new(setups, ready(setups, state, Drawing::of(&settings.config)));
     let beside = Beside::restored(&mut engine, beside.0, beside.1);
     Ok((engine, beside))
 }
@@ -102,7 +117,18 @@ impl From<Former> for State {
 }
 
 impl From<Whole> for State {
-    fn from(Whole(former, errors): Whole) -> Self {
+    fn from(Whole(former, (eyes, sensors)): Whole) -> Self {
+        let mut state = Self::from(former);
+        state.diagnosis.eyes = eyes;
+        if let Some(rejuvenation) = &mut state.rejuvenation {
+            rejuvenation.history.sensors = sensors;
+        }
+        state
+    }
+}
+
+impl From<WithErrors> for State {
+    fn from(WithErrors(former, errors): WithErrors) -> Self {
         let mut state = Self::from(former);
         if let Some((rejuvenation, errors)) = state.rejuvenation.as_mut().zip(errors) {
             rejuvenation.errors = errors;
@@ -117,9 +143,13 @@ fn with_fading(mut state: State, fading: Option<Fading>) -> State {
 }
 
 /// A state with what a snapshot does not hold since it follows from the configuration, or an older format did not.
-fn ready<M>(setup: &Setup<M>, mut state: State, drawing: Drawing) -> State {
+fn ready<M>(setups: &Setups<M>, mut state: State, drawing: Drawing) -> State {
+    let setup = setups.first();
     state.landmarks.set_workers(&setup.workers);
     let (particles, stream) = (state.particles.len(), setup.settings.random.stream(Purpose::Errors, 0));
+    if state.diagnosis.eyes.is_empty() {
+        state.diagnosis.eyes = fresh_eyes(setups);
+    }
     if let Some(rejuvenation) = &mut state.rejuvenation {
         rejuvenation.drawing = drawing;
         if rejuvenation.errors.are_unknown() {

@@ -1,6 +1,7 @@
 //! What a step needs of those before it: all that a snapshot holds.
 
 use super::errors::Errors;
+use super::eyes::Eyes;
 use super::given::Given;
 use super::landmarks::Landmarks;
 use super::merger::Merger;
@@ -55,6 +56,9 @@ pub(super) struct Diagnosis {
     pub watch: Watch,
     /// What the sliding window said of the noise when it was last looked at.
     pub noise_report: NoiseReport,
+    /// What is known of each of several sensors; behind the others in a snapshot, which older formats did not have.
+    #[serde(skip)]
+    pub eyes: Eyes,
 }
 
 /// How large the numbers are that the steps so far have put into the state.
@@ -176,6 +180,12 @@ impl State {
         }
     }
 
+    /// Lets the sensor with this number look.
+    pub fn look_with(&mut self, sensor: usize) {
+        let Self { diagnosis: Diagnosis { watch, eyes, .. }, landmarks, .. } = self;
+        eyes.turn_to(sensor, |eye| eye.swap(watch, landmarks.fading.as_mut()));
+    }
+
     /// The maps with what decides about them.
     pub fn maps(&mut self) -> Maps<'_> {
         Maps { particles: &mut self.particles, landmarks: &mut self.landmarks, given: &self.given }
@@ -197,6 +207,7 @@ impl State {
             diagnosis: Diagnosis {
                 watch: Watch::new(config.health, View::of(config)),
                 noise_report: NoiseReport::default(),
+                eyes: Eyes::default(),
             },
             estimate: PoseEstimate { mean: start, ..PoseEstimate::default() },
             given: Given::default(),

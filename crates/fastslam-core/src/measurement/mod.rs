@@ -9,6 +9,7 @@ mod model;
 mod range_bearing;
 mod range_only;
 mod sensor;
+mod sensors;
 mod settings;
 
 pub use bearing_only::BearingOnly;
@@ -18,4 +19,5 @@ pub use range_bearing::RangeBearing;
 pub use range_only::RangeOnly;
 pub(crate) use sensor::EXPECTED_OF_OWN;
 pub use sensor::{BearingSensor, Common, OwnSensor, RangeBearingSensor, RangeErrors, RangeSensor, Sensor};
+pub use sensors::Sensors;
 pub use settings::{Mounting, SensorModel, SensorSettings, SystematicError};

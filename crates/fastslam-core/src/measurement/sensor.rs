@@ -141,7 +141,12 @@ impl Sensor {
 
     /// Errors that name the first parameter out of range.
     pub fn validate(&self) -> Result<()> {
-        SensorSettings::from(self).validate()
+        self.validate_as("sensor")
+    }
+
+    /// The same for the sensor with this key.
+    pub(super) fn validate_as(&self, key: &str) -> Result<()> {
+        SensorSettings::from(self).validate().map_err(|e| e.within(key))
     }
 
     /// How the noise falls off.

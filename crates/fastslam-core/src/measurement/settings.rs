@@ -155,26 +155,22 @@ impl Default for SensorSettings {
 impl SensorSettings {
     /// Errors that name the first parameter out of range.
     pub fn validate(&self) -> Result<()> {
-        let check = || {
-            positive("range_std_m", self.range_std_m)?;
-            positive("bearing_std_rad", self.bearing_std_rad)?;
-            positive("min_range_m", self.min_range_m)?;
-            positive("max_range_m", self.max_range_m)?;
-            positive("field_of_view_rad", self.field_of_view_rad)?;
-            if let Some(value) = self.tail_degrees_of_freedom {
-                positive("tail_degrees_of_freedom", value)?;
-            }
-            positive("range_scale", self.range_scale)?;
-            finite("range_bias_m", self.range_bias_m)?;
-            for (key, value) in [("range_scale_std", self.range_scale_std), ("range_bias_std_m", self.range_bias_std_m)]
-            {
-                value.map_or(Ok(0.0), |value| non_negative(key, value))?;
-            }
-            finite("bearing_bias_rad", self.bearing_bias_rad)?;
-            finite("delay_s", self.delay_s)?;
-            self.mounting.validate()
-        };
-        check().map_err(|e| e.within("sensor"))
+        positive("range_std_m", self.range_std_m)?;
+        positive("bearing_std_rad", self.bearing_std_rad)?;
+        positive("min_range_m", self.min_range_m)?;
+        positive("max_range_m", self.max_range_m)?;
+        positive("field_of_view_rad", self.field_of_view_rad)?;
+        if let Some(value) = self.tail_degrees_of_freedom {
+            positive("tail_degrees_of_freedom", value)?;
+        }
+        positive("range_scale", self.range_scale)?;
+        finite("range_bias_m", self.range_bias_m)?;
+        for (key, value) in [("range_scale_std", self.range_scale_std), ("range_bias_std_m", self.range_bias_std_m)] {
+            value.map_or(Ok(0.0), |value| non_negative(key, value))?;
+        }
+        finite("bearing_bias_rad", self.bearing_bias_rad)?;
+        finite("delay_s", self.delay_s)?;
+        self.mounting.validate()
     }
 }
 
@@ -198,9 +194,9 @@ mod tests {
     fn a_scale_that_is_not_positive_is_an_error() {
         for range_scale in [0.0, -1.0, f64::NAN] {
             let error = SensorSettings { range_scale, ..Default::default() }.validate().unwrap_err();
-            assert!(error.to_string().contains("sensor.range_scale"), "{error}");
+            assert!(error.to_string().contains("range_scale"), "{error}");
         }
         let error = SensorSettings { range_bias_m: f64::INFINITY, ..Default::default() }.validate().unwrap_err();
-        assert!(error.to_string().contains("sensor.range_bias_m"), "{error}");
+        assert!(error.to_string().contains("range_bias_m"), "{error}");
     }
 }

@@ -12,7 +12,7 @@ use crate::geometry::{Pose, Symmetric2};
 use crate::given::Beginning;
 use crate::motion::{MotionGaussian, RowPart};
 use crate::normal::Normal;
-use crate::sighting::{Seen, Sighting};
+use crate::sighting::{Scan, Seen};
 use crate::store::StoreUsage;
 
 impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
@@ -97,7 +97,8 @@ impl<S: Sensing<Z>, const Z: usize> Slam for PartialSlam<S, Z> {
     fn advance(&mut self, part: &RowPart) -> Result<()> {
         PartialSlam::advance(self, part)
     }
-    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepInfo> {
+    fn take(&mut self, Scan { stamp_s, sensor, sightings }: Scan<'_>) -> Result<StepInfo> {
+        self.config.check_sensor(sensor)?;
         PartialSlam::update(self, stamp_s, sightings)
     }
     fn finish(&mut self) -> bool {

@@ -137,6 +137,7 @@ impl<'a> Run<'a> {
     fn new(make: Maker<'_>, config: &'a Config, log: &'a LogData, beginning: &'a Beginning) -> Result<Self> {
         log.validate()?;
         log.check_gaps(config.filter.path_period_s)?;
+        config.check_sensor(log.last_sensor())?;
         config.association.check_classes(&log.sightings)?;
         let mut stream = Stream::of(config.clone(), identities_in(log), Window::OF_A_LOG, make)?;
         stream.filter().begin(beginning)?;

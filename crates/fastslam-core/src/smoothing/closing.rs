@@ -328,7 +328,7 @@ mod tests {
                 births.push(birth);
             }
             history.explained_alike(scan.into_iter(), &births);
-            history.step_done();
+            history.step_done(0);
         }
         let sights = by_landmark(&history.seen_by(0), |birth| birth != NO_LANDMARK);
         let places = sights.iter().map(|s| named[&s.birth]).collect();

@@ -22,15 +22,16 @@ pub struct Draws {
 }
 
 impl Draws {
-    /// Makes the drawn poses those of the sensor.
-    pub fn move_to_sensor(&mut self, T_robot_sensor: Pose) {
-        let poses = &mut self.poses;
+    /// Makes the drawn poses those of the sensors that made the steps.
+    pub fn move_to_sensor(&mut self, T_robot_sensor: impl Fn(usize) -> Pose) {
+        let (poses, first_free) = (&mut self.poses, self.first_free);
         vectorized(
             #[inline(always)]
             || {
-                for [x, y, heading] in poses.iter_mut() {
+                for (row, [x, y, heading]) in poses.iter_mut().enumerate() {
+                    let mounting = T_robot_sensor(first_free + row);
                     for i in 0..LANES {
-                        let sensor = Pose::new(x[i], y[i], heading[i]).compose(T_robot_sensor);
+                        let sensor = Pose::new(x[i], y[i], heading[i]).compose(mounting);
                         (x[i], y[i], heading[i]) = (sensor.x, sensor.y, sensor.heading);
                     }
                 }

@@ -37,7 +37,7 @@ pub fn draw<M: Placing>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) 
     let mut draws = Draws {
         first_free: graph.first_free,
         poses: vec![[[0.0; LANES]; 3]; free.len()],
-        held: held.iter().map(|pose| pose.compose(graph.T_robot_sensor)).collect(),
+        held: held.iter().enumerate().map(|(step, pose)| pose.compose(graph.T_robot_sensor(step))).collect(),
         landmarks: vec![[[0.0; LANES]; 2]; graph.landmarks.len()],
     };
     let nothing = Gaussian { mean: [0.0; 2], covariance: Symmetric2::default() };
@@ -54,7 +54,7 @@ pub fn draw<M: Placing>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) 
         if let Some([x, y, heading]) = draws.poses.last() {
             drawn.last_poses.extend((0..lanes).map(|i| Pose::new(x[i], y[i], math::wrap_angle(heading[i]))));
         }
-        draws.move_to_sensor(graph.T_robot_sensor);
+        draws.move_to_sensor(|step| graph.T_robot_sensor(step));
         for (k, sights) in graph.landmarks.iter().enumerate() {
             let gaussians = draws.landmark_given_paths(graph.model, graph.history, sights, k);
             drawn.landmarks[k * count + first..][..lanes].copy_from_slice(&gaussians[..lanes]);

@@ -9,7 +9,6 @@ use super::history::{History, Seen, Trajectory};
 use crate::belief::by_robot_pose;
 use crate::gaussian::{innovation_covariance, Gaussian, Inverse};
 use crate::geometry::{Pose, Symmetric2};
-use crate::landmark::Measured;
 use crate::math;
 use crate::measurement::Placing;
 use rustc_hash::FxHashMap;
@@ -82,8 +81,8 @@ pub struct Graph<'a, M> {
     pub history: &'a History,
     /// How the sensor sees.
     pub model: &'a M,
-    /// Where it sits.
-    pub T_robot_sensor: Pose,
+    /// Where it sits, or each of several.
+    pub mountings: &'a [Pose],
     /// Power of each sighting's likelihood.
     pub likelihood_exponent: f64,
     /// Poses before this step stand still.
@@ -233,9 +232,8 @@ impl<M: Placing> Graph<'_, M> {
 
     /// A sighting ties a landmark, whose first unknown is `own`, to the pose that it was made from, where these are free.
     fn add_sighting(&self, solution: &Solution, k: usize, seen: &Seen, (own, equations): (usize, &mut Equations)) {
-        let measured = self.history.sighting(seen.sighting);
         let known = &self.landmarks[k].known;
-        let view = self.view(solution.trajectory.poses[seen.step as usize], (solution.landmarks[k], known), measured);
+        let view = self.view(&solution.trajectory, (solution.landmarks[k], known), seen);
         let landmark = Block::new(own, view.by_landmark, &view.weight);
         let moves = !matches!(known, Known::Place(_));
         if moves {
@@ -249,8 +247,15 @@ impl<M: Placing> Graph<'_, M> {
         }
     }
 
-    pub(super) fn view(&self, T_world_robot: Pose, (landmark, known): ([f64; 2], &Known), measured: &Measured) -> View {
-        let sensor = T_world_robot.compose(self.T_robot_sensor);
+    /// Where the sensor that made a step sits on the robot.
+    pub(super) fn T_robot_sensor(&self, step: usize) -> Pose {
+        self.mountings[self.history.sensor(step)]
+    }
+
+    /// A sighting from where a path has the robot, of a landmark that is thought to be here.
+    pub(super) fn view(&self, path: &Trajectory, (landmark, known): ([f64; 2], &Known), seen: &Seen) -> View {
+        let (T_world_robot, measured) = (path.poses[seen.step as usize], self.history.sighting(seen.sighting));
+        let sensor = T_world_robot.compose(self.T_robot_sensor(seen.step as usize));
         let linear = self.model.linearize(sensor, landmark);
         let innovation = self.model.innovation(measured.value, linear.expected);
         let r = known.widened(measured.noise, linear.by_landmark);
@@ -278,8 +283,7 @@ impl<M: Placing> Graph<'_, M> {
             cost += sights.known.cost(solution.landmarks[k]);
             for seen in &sights.seen {
                 let measured = self.history.sighting(seen.sighting);
-                let pose = solution.trajectory.poses[seen.step as usize];
-                let distance = self.view(pose, (solution.landmarks[k], &sights.known), measured).distance;
+                let distance = self.view(&solution.trajectory, (solution.landmarks[k], &sights.known), seen).distance;
                 cost += self.likelihood_exponent * measured.tail.loss_of(2, distance);
             }
         }
@@ -342,8 +346,8 @@ pub(super) struct View {
 impl<'a, M> Graph<'a, M> {
     /// Over these landmarks and all of a past, for a sensor at the robot's origin.
     pub fn over(history: &'a History, model: &'a M, landmarks: Vec<Sights>, effort: &'a Effort) -> Self {
-        let T_robot_sensor = Pose::default();
-        Self { history, model, T_robot_sensor, likelihood_exponent: 1.0, first_free: 0, landmarks, effort }
+        let mountings = &[Pose { x: 0.0, y: 0.0, heading: 0.0 }];
+        Self { history, model, mountings, likelihood_exponent: 1.0, first_free: 0, landmarks, effort }
     }
 }
 
@@ -351,6 +355,7 @@ impl<'a, M> Graph<'a, M> {
 mod tests {
     use super::*;
     use crate::density::Tail;
+    use crate::landmark::Measured;
     use crate::measurement::{MeasurementModel, RangeBearing};
     use crate::motion::MotionGaussian;
 
@@ -377,7 +382,7 @@ mod tests {
                 Measured { value: [range + 0.15 * off + wild, bearing - 0.04 * off], noise, tail }
             });
             history.explained(scan.into_iter(), |_, j| j as u32);
-            history.step_done();
+            history.step_done(0);
         }
         let sights = by_landmark(&history.seen_by(0), |_| true);
         (
@@ -392,8 +397,8 @@ mod tests {
         landmarks: Vec<Sights>,
         first_free: usize,
     ) -> Graph<'a, RangeBearing> {
-        let T_robot_sensor = T_ROBOT_SENSOR;
-        Graph { history, model: &MODEL, T_robot_sensor, likelihood_exponent: 0.7, first_free, landmarks, effort }
+        let mountings = &[T_ROBOT_SENSOR];
+        Graph { history, model: &MODEL, mountings, likelihood_exponent: 0.7, first_free, landmarks, effort }
     }
 
     #[test]

@@ -37,13 +37,12 @@ impl<M: Placing> Graph<'_, M> {
     /// Where a landmark lies by its sightings from a path; `None` where they do not say it, or where it is known for good.
     fn seen_at(&self, sights: &Sights, trajectory: &Trajectory) -> Option<[f64; 2]> {
         let first = sights.seen.first().filter(|_| !matches!(sights.known, Known::Place(_)))?;
-        let sensor = trajectory.poses[first.step as usize].compose(self.T_robot_sensor);
+        let sensor = trajectory.poses[first.step as usize].compose(self.T_robot_sensor(first.step as usize));
         let mut at = self.model.inverse(sensor, self.history.sighting(first.sighting).value);
         for _ in 0..STEPS {
             let [mut xx, mut xy, mut yy, mut x, mut y] = sights.known.information(at);
             for seen in &sights.seen {
-                let pose = trajectory.poses[seen.step as usize];
-                let view = self.view(pose, (at, &sights.known), self.history.sighting(seen.sighting));
+                let view = self.view(trajectory, (at, &sights.known), seen);
                 let [[w00, w01], [_, w11]] = view.weight;
                 let [[g00, g01], [g10, g11]] = view.by_landmark;
                 let (p00, p01) = (w00 * g00 + w01 * g10, w01 * g00 + w11 * g10);
@@ -90,7 +89,7 @@ mod tests {
                 let noise = MODEL.noise_covariance();
                 history.explained_alike([Measured { value, noise, tail: Tail::Gaussian }].into_iter(), &[0]);
             }
-            history.step_done();
+            history.step_done(0);
         }
         let sights = by_landmark(&history.seen_by(0), |_| true);
         (history, sights, Trajectory { start: Pose::default(), poses })

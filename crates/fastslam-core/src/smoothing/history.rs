@@ -48,6 +48,10 @@ pub struct History {
     /// Kept for its memory.
     #[serde(skip)]
     chosen: Vec<u32>,
+    /// Sensors that made the steps, up to the last that was not made by the first one; behind the others in a snapshot,
+    /// which older formats did not have.
+    #[serde(skip)]
+    pub sensors: Vec<u8>,
     /// Explanations from which on those that no particle holds any more are looked for.
     crowded: usize,
 }
@@ -74,11 +78,20 @@ impl History {
         self.pending = self.pending.then(motion);
     }
 
-    /// A pose was added to every path; returns the motion that led to it.
-    pub fn step_done(&mut self) -> MotionGaussian {
+    /// A pose was added to every path, for a scan of this sensor; returns the motion that led to it.
+    pub fn step_done(&mut self, sensor: usize) -> MotionGaussian {
         let motion = std::mem::take(&mut self.pending);
+        if sensor > 0 {
+            self.sensors.resize(self.motions.len(), 0);
+            self.sensors.push(sensor as u8);
+        }
         self.motions.push(motion);
         motion
+    }
+
+    /// The sensor that made the scan of a step.
+    pub fn sensor(&self, step: usize) -> usize {
+        self.sensors.get(step).map_or(0, |sensor| usize::from(*sensor))
     }
 
     /// The motion since the last step.
@@ -273,11 +286,11 @@ mod tests {
             [1.0, 2.0].map(measured).into_iter(),
             |i, j| if i == 2 && j == 1 { NO_LANDMARK } else { j as u32 },
         );
-        history.step_done();
+        history.step_done(0);
         assert_eq!(history.explanations.len(), 2);
         history.resample(&[2, 0, 0]);
         history.explained_alike([3.0].map(measured).into_iter(), &[7]);
-        history.step_done();
+        history.step_done(0);
         let births = |particle| history.seen_by(particle).iter().map(|s| (s.birth, s.step)).collect::<Vec<_>>();
         assert_eq!(births(0), vec![(0, 0), (7, 1)]);
         assert_eq!(births(1), vec![(0, 0), (1, 0), (7, 1)]);
@@ -291,7 +304,7 @@ mod tests {
         let steps = 3 * FEW_EXPLANATIONS as u32;
         for step in 0..steps {
             history.explained([f64::from(step)].map(measured).into_iter(), |i, _| 4 * step + i as u32);
-            history.step_done();
+            history.step_done(0);
             if step % 2 == 1 {
                 history.resample(&[1, 2, 2, 0]);
             }

@@ -62,9 +62,8 @@ impl<M: Placing> Graph<'_, M> {
         let mut misfits = Vec::new();
         for (landmark, sights) in self.landmarks.iter().enumerate() {
             for (place, seen) in sights.seen.iter().enumerate().filter(|(_, s)| s.step as usize >= self.first_free) {
-                let pose = solution.trajectory.poses[seen.step as usize];
                 let at = (solution.landmarks[landmark], &sights.known);
-                let distance = self.view(pose, at, self.history.sighting(seen.sighting)).distance;
+                let distance = self.view(&solution.trajectory, at, seen).distance;
                 if distance > gate {
                     misfits.push(Misfit { landmark, place, distance });
                 }
@@ -104,7 +103,7 @@ mod tests {
                 Measured { value: [range + elsewhere, bearing], noise, tail: Tail::Gaussian }
             });
             history.explained(scan, |_, j| j as u32);
-            history.step_done();
+            history.step_done(0);
         }
         (history, Trajectory { start: Pose::default(), poses })
     }

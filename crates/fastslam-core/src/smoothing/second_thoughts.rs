@@ -127,9 +127,8 @@ impl<M: Placing> Graph<'_, M> {
     /// The claim that gains most by going over to another landmark, with that of the other sighting that has to give way.
     fn best_change(&self, scan: &[Claim], beside: &[Vec<usize>], mode: &Mode) -> Option<(usize, usize)> {
         let distance = |claim: &Claim, landmark: usize| {
-            let pose = mode.solution.trajectory.poses[claim.seen.step as usize];
             let at = (mode.solution.landmarks[landmark], &self.landmarks[landmark].known);
-            self.view(pose, at, self.history.sighting(claim.seen.sighting)).distance
+            self.view(&mode.solution.trajectory, at, &claim.seen).distance
         };
         let gain = |claim: &Claim, to: usize| {
             let own = distance(claim, claim.landmark) - distance(claim, to);
@@ -253,7 +252,7 @@ mod tests {
                 .collect();
             let births: Vec<u32> = (0..3).map(|k| taken(step, k)).collect();
             history.explained_alike(scan.into_iter(), &births);
-            history.step_done();
+            history.step_done(0);
         }
         let effort = Effort::any();
         let graph = Graph::over(&history, &MODEL, by_landmark(&history.seen_by(0), |_| true), &effort);

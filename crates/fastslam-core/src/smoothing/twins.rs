@@ -65,10 +65,7 @@ impl<M: Placing> Graph<'_, M> {
     fn is_taken_for(&self, landmark: usize, other: usize, mode: &Mode) -> bool {
         let at = (mode.solution.landmarks[other], &self.landmarks[other].known);
         let seen = &self.landmarks[landmark].seen;
-        let near = seen.iter().filter(|seen| {
-            let pose = mode.solution.trajectory.poses[seen.step as usize];
-            self.view(pose, at, self.history.sighting(seen.sighting)).distance <= GATE
-        });
+        let near = seen.iter().filter(|seen| self.view(&mode.solution.trajectory, at, seen).distance <= GATE);
         2 * near.count() > seen.len()
     }
 

@@ -115,7 +115,7 @@ pub(super) fn stamp_of(row: &Row) -> Result<Option<f64>> {
             }
             *stamp_s
         }
-        Row::Sightings(stamp_s, _) => *stamp_s,
+        Row::Sightings(row) => row.stamp_s,
         Row::End => return Ok(None),
     };
     if stamp_s.is_finite() {

@@ -10,11 +10,11 @@ use crate::filter::{Identities, PoseEstimate};
 use crate::geometry::Pose;
 use crate::given::Beginning;
 use crate::motion::MotionGaussian;
-use crate::sighting::{Sighting, Skipped};
+use crate::sighting::{Scan, Skipped};
 use crate::slam::{self, Maker, Slam};
-use crate::snapshot::{content, open, seal, Head, Holds, SCANS};
+use crate::snapshot::{content, open, seal, Head, Holds, SCANS, SENSORS};
 use crate::step_info::StepInfo;
-use crate::timeline::{Event, Row, Timeline};
+use crate::timeline::{Event, Row, SightingsRow, Timeline};
 use intake::{stamp_of, Intake};
 pub use intake::{Refused, Taken, Window};
 use scanner::Scanning;
@@ -66,6 +66,8 @@ pub struct Stream {
     /// Motion since the last step.
     since: MotionGaussian,
     scanning: Option<Scanning>,
+    /// That made the last scan.
+    last_sensor: usize,
 }
 
 impl Stream {
@@ -83,7 +85,7 @@ impl Stream {
         let filter = make(config.clone(), identities)?;
         let timeline = Timeline::new(config.motion.timing(), config.filter.path_period_s, window.wait_s);
         let (intake, tally, since) = (Intake::new(window), Tally::default(), MotionGaussian::default());
-        Ok(Self { config, identities, filter, timeline, intake, tally, since, scanning: None })
+        Ok(Self { config, identities, filter, timeline, intake, tally, since, scanning: None, last_sensor: 0 })
     }
 
     /// Starts in a given map, at a given pose: before anything else.
@@ -95,8 +97,13 @@ impl Stream {
 
     /// Takes scans of this laser from here on ([`Stream::push_scan`]).
     ///
-    /// **Errors:** settings or a geometry that make no sense.
+    /// **Errors:** settings or a geometry that make no sense, or several sensors, of which nobody says which the laser is.
     pub fn scan_with(&mut self, scanner: Scanner) -> Result<()> {
+        if !self.config.sensors.is_empty() {
+            return Err(Error::Input(
+                "scans of a laser need `sensor`, the only one: `sensors` are told sightings".into(),
+            ));
+        }
         self.scanning = Some(Scanning::new(scanner)?);
         Ok(())
     }
@@ -105,8 +112,9 @@ impl Stream {
     ///
     /// **Errors:** a row whose numbers are none, or a class that is not configured; nothing has changed then.
     pub fn push(&mut self, row: Row) -> Result<Taken> {
-        if let Row::Sightings(_, seen) = &row {
-            self.config.association.check_classes(seen)?;
+        if let Row::Sightings(SightingsRow { sightings, sensor, .. }) = &row {
+            self.config.association.check_classes(sightings)?;
+            self.config.check_sensor(*sensor)?;
         }
         if let Some(stamp_s) = stamp_of(&row)? {
             let taken = self.intake.judge(stamp_s, self.settled_s());
@@ -162,7 +170,7 @@ impl Stream {
         let settled_s = self.intake.settled_s();
         while let Some((stamp_s, seen)) = scanning.next(&self.config, settled_s, self.intake.window.wait_s)? {
             if !seen.is_empty() {
-                self.timeline.put(Row::Sightings(stamp_s, seen));
+                self.timeline.put(Row::Sightings(SightingsRow::new(stamp_s, seen)));
             }
         }
         if !scanning.has_ended() {
@@ -186,15 +194,16 @@ impl Stream {
                     self.filter.advance(&part)?;
                     self.since = self.since.then(&self.config.motion.of(&part)?);
                 }
-                Event::Step { stamp_s, sightings } => return self.update(stamp_s, &sightings).map(Some),
+                Event::Step(row) => return self.update(row.scan()).map(Some),
             }
         }
         Ok(None)
     }
 
-    fn update(&mut self, stamp_s: f64, sightings: &[Sighting]) -> Result<StepRecord> {
-        let motion = self.filter.pending_motion().mean;
-        let info = self.filter.update(stamp_s, sightings)?;
+    fn update(&mut self, scan: Scan<'_>) -> Result<StepRecord> {
+        let (motion, stamp_s) = (self.filter.pending_motion().mean, scan.stamp_s);
+        let info = self.filter.take(scan)?;
+        self.last_sensor = scan.sensor;
         self.since = MotionGaussian::default();
         self.tally.path_steps.push(PathStep { stamp_s, motion, sampled: info.sampling.sampled });
         self.tally.skipped.add(&info.left_out.skipped);
@@ -232,6 +241,11 @@ impl Stream {
         self.filter.as_mut()
     }
 
+    /// Number of the sensor that made the last scan.
+    pub fn last_sensor(&self) -> usize {
+        self.last_sensor
+    }
+
     /// The configuration.
     pub fn config(&self) -> &Config {
         &self.config
@@ -262,7 +276,8 @@ impl Stream {
     pub fn save(&self, note: &str) -> Result<Vec<u8>> {
         let head = Head::of_stream(&self.config, self.identities, note)?;
         let rows = (&self.timeline, &self.intake, &self.tally, &self.since, self.filter.save("")?);
-        seal(&head, &(rows, self.scanning.as_ref().map(Scanning::stored).transpose()?))
+        let scanning = self.scanning.as_ref().map(Scanning::stored).transpose()?;
+        seal(&head, &(rows, scanning, self.timeline.sensors()))
     }
 
     /// The stream that a snapshot was taken of, with its note.
@@ -271,8 +286,16 @@ impl Stream {
     /// of `make`.
     pub fn load(snapshot: &[u8], make: Maker<'_>) -> Result<(Self, String)> {
         let (head, stored) = open(snapshot, Holds::Stream)?;
-        let (Stored(timeline, intake, tally, since, filter), scanning) =
-            if stored.format < SCANS { (content(&stored)?, None) } else { content(&stored)? };
+        let (Stored(mut timeline, intake, tally, since, filter), scanning, sensors): (_, _, Vec<u8>) =
+            match stored.format {
+                0..SCANS => (content(&stored)?, None, Vec::new()),
+                SCANS..SENSORS => {
+                    let (rows, scanning) = content(&stored)?;
+                    (rows, scanning, Vec::new())
+                }
+                _ => content(&stored)?,
+            };
+        timeline.set_sensors(&sensors);
         let fresh = Self::of(head.config()?, head.identities, intake.window, make)?;
         let scanning = scanning.map(Scanning::restored).transpose()?;
         let mut stream = Self { timeline, intake, tally, since, scanning, ..fresh };

@@ -1,6 +1,6 @@
 //! A log as rows, and its rows in the order of time.
 
-use super::row::{ControlRow, Row};
+use super::row::{ControlRow, Row, SightingsRow};
 use crate::error::{Error, Result};
 use crate::filter::Sighting;
 use crate::geometry::{is_covariance3, Matrix3};
@@ -16,10 +16,12 @@ pub struct LogData {
     /// Covariance of (x, y, heading) that the log states for each row, in the frame of its start, in place of the noise
     /// that the motion model is configured with. Empty where no row has one.
     pub control_covariances: Vec<Option<Matrix3>>,
-    /// Stamps of the sightings, ascending; equal stamps are one step.
+    /// Stamps of the sightings, ascending; equal stamps of one sensor are one step.
     pub sighting_stamps_s: Vec<f64>,
     /// The sightings.
     pub sightings: Vec<Sighting>,
+    /// Numbers of the sensors that made them. Empty where there is one sensor.
+    pub sighting_sensors: Vec<u8>,
 }
 
 impl LogData {
@@ -34,6 +36,9 @@ impl LogData {
         };
         rows(self.control_stamps_s.len(), self.controls.len(), "controls")?;
         rows(self.sighting_stamps_s.len(), self.sightings.len(), "sightings")?;
+        if !self.sighting_sensors.is_empty() {
+            rows(self.sighting_sensors.len(), self.sightings.len(), "sightings (sensors)")?;
+        }
         if self.controls.is_empty() && self.sightings.is_empty() {
             return Err(Error::Input("the log is empty: neither controls nor sightings".into()));
         }
@@ -59,6 +64,7 @@ impl LogData {
             add(&[value[0], value[1], identity, class, appearance.signature.unwrap_or(f64::NAN)]);
             noise.iter().for_each(|noise| add(&[noise.xx, noise.xy, noise.yy]));
         }
+        self.sighting_sensors.iter().for_each(|sensor| add(&[f64::from(*sensor)]));
         hasher.finalize()
     }
 
@@ -108,10 +114,21 @@ impl LogData {
         )))
     }
 
-    /// Number of steps at most: one per sighting stamp and one per path period.
+    /// The largest number of a sensor.
+    pub fn last_sensor(&self) -> usize {
+        self.sighting_sensors.iter().copied().max().unwrap_or(0).into()
+    }
+
+    /// Number of the sensor that made a sighting.
+    fn sensor(&self, sighting: usize) -> u8 {
+        self.sighting_sensors.get(sighting).copied().unwrap_or(0)
+    }
+
+    /// Number of steps at most: one per sighting stamp and sensor and one per path period.
     pub fn step_bound(&self, path_period_s: f64) -> usize {
         let stamps = &self.sighting_stamps_s;
-        let distinct = usize::from(!stamps.is_empty()) + stamps.windows(2).filter(|w| w[0] != w[1]).count();
+        let differ = |i: &usize| stamps[*i - 1] != stamps[*i] || self.sensor(*i - 1) != self.sensor(*i);
+        let distinct = usize::from(!stamps.is_empty()) + (1..stamps.len()).filter(differ).count();
         let all = || self.control_stamps_s.iter().chain(stamps);
         let first_s = all().copied().fold(f64::INFINITY, f64::min);
         let last_s = all().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -119,7 +136,7 @@ impl LogData {
         distinct + fillers as usize + 2
     }
 
-    /// All rows in time order, as a robot would send them; the sightings of one stamp are one row.
+    /// All rows in time order, as a robot would send them; neighbouring sightings of one stamp and sensor are one row.
     pub fn rows(&self) -> impl Iterator<Item = Row> + '_ {
         let mut sighting = 0;
         let rows = self.rows_in_time().filter_map(move |(stamp_s, (what, i))| {
@@ -128,9 +145,11 @@ impl LogData {
                 return Some(Row::Control(ControlRow { stamp_s, control: self.controls[i], covariance }));
             }
             (i >= sighting).then(|| {
-                let of_stamp = self.sighting_stamps_s[i..].iter().take_while(|s| **s == stamp_s).count();
-                sighting = i + of_stamp;
-                Row::Sightings(stamp_s, self.sightings[i..sighting].to_vec())
+                let sensor = self.sensor(i);
+                let alike = |k: &usize| self.sighting_stamps_s[*k] == stamp_s && self.sensor(*k) == sensor;
+                sighting = i + (i..self.sightings.len()).take_while(alike).count();
+                let sightings = self.sightings[i..sighting].to_vec();
+                Row::Sightings(SightingsRow { stamp_s, sightings, sensor: sensor.into() })
             })
         });
         rows.chain([Row::End])

@@ -4,9 +4,8 @@ mod log;
 mod row;
 
 use crate::motion::{ControlTiming, RowPart};
-use crate::sighting::Sighting;
 pub use log::LogData;
-pub use row::{ControlRow, Row};
+pub use row::{ControlRow, Row, SightingsRow};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
@@ -15,13 +14,8 @@ use std::collections::VecDeque;
 pub enum Event {
     /// The robot moves by a row of odometry or a part of it.
     Control(RowPart),
-    /// All sightings of one stamp; none at all only records where the robot is.
-    Step {
-        /// Seconds.
-        stamp_s: f64,
-        /// What was seen.
-        sightings: Vec<Sighting>,
-    },
+    /// All sightings of one sensor and stamp; none at all only records where the robot is.
+    Step(SightingsRow),
 }
 
 /// The steps of a stream or a log with the controls between them, in time order.
@@ -41,7 +35,8 @@ pub struct Timeline {
     /// How long sightings wait for the control that says how the robot came to where it saw them.
     wait_s: f64,
     controls: VecDeque<ControlRow>,
-    sightings: VecDeque<(f64, Vec<Sighting>)>,
+    /// In the order of stamps, then of sensors.
+    sightings: VecDeque<SightingsRow>,
     /// The control that holds.
     held: Option<ControlRow>,
     clock: Clock,
@@ -101,12 +96,13 @@ impl Timeline {
                 }
                 !repeated
             }
-            Row::Sightings(stamp_s, mut seen) => {
-                let place = self.sightings.partition_point(|known| known.0 < stamp_s);
-                match self.sightings.get_mut(place).filter(|known| known.0 == stamp_s) {
-                    Some(known) if known.1 == seen => return false,
-                    Some(known) => known.1.append(&mut seen),
-                    None => self.sightings.insert(place, (stamp_s, seen)),
+            Row::Sightings(mut row) => {
+                let of = |row: &SightingsRow| (row.stamp_s, row.sensor);
+                let place = self.sightings.partition_point(|known| of(known) < of(&row));
+                match self.sightings.get_mut(place).filter(|known| of(known) == of(&row)) {
+                    Some(known) if known.sightings == row.sightings => return false,
+                    Some(known) => known.sightings.append(&mut row.sightings),
+                    None => self.sightings.insert(place, row),
                 }
                 true
             }
@@ -137,9 +133,24 @@ impl Timeline {
         self.controls.len() + self.sightings.len()
     }
 
+    /// The sensors of the sightings that wait, for a snapshot: none where all are of the first.
+    pub(crate) fn sensors(&self) -> Vec<u8> {
+        let sensors: Vec<u8> = self.sightings.iter().map(|row| row.sensor as u8).collect();
+        if sensors.iter().all(|sensor| *sensor == 0) {
+            Vec::new()
+        } else {
+            sensors
+        }
+    }
+
+    /// The same from a snapshot.
+    pub(crate) fn set_sensors(&mut self, sensors: &[u8]) {
+        self.sightings.iter_mut().zip(sensors).for_each(|(row, sensor)| row.sensor = usize::from(*sensor));
+    }
+
     /// Where the last row is: nothing more comes.
     fn end(&mut self) {
-        let last = [self.controls.back().map(|row| row.stamp_s), self.sightings.back().map(|row| row.0)];
+        let last = [self.controls.back().map(|row| row.stamp_s), self.sightings.back().map(|row| row.stamp_s)];
         let passed_s = if self.clock.begun { self.clock.now_s } else { f64::NEG_INFINITY };
         self.clock.end_s = last.into_iter().flatten().fold(passed_s, f64::max);
         self.clock.settled_s = f64::INFINITY;
@@ -148,7 +159,7 @@ impl Timeline {
     /// Stamp of the first row of each kind that waits.
     fn next_stamps(&self) -> [f64; 2] {
         let control = self.controls.front().map(|row| row.stamp_s);
-        let sighting = self.sightings.front().map(|row| row.0);
+        let sighting = self.sightings.front().map(|row| row.stamp_s);
         [control, sighting].map(|stamp| stamp.unwrap_or(f64::INFINITY))
     }
 
@@ -230,7 +241,7 @@ impl Timeline {
         let there = clock.last_step_s == clock.now_s && clock.recorded;
         clock.done = clock.now_s >= clock.end_s;
         clock.last_step_s = clock.now_s;
-        (!there).then(|| Event::Step { stamp_s: clock.now_s, sightings: Vec::new() })
+        (!there).then(|| Event::Step(SightingsRow::new(clock.now_s, Vec::new())))
     }
 }
 
@@ -251,7 +262,7 @@ impl Iterator for Timeline {
                 self.motion_until(target)
             } else if next_sighting <= now_s {
                 (self.clock.last_step_s, self.clock.recorded) = (now_s, true);
-                self.sightings.pop_front().map(|(stamp_s, sightings)| Event::Step { stamp_s, sightings })
+                self.sightings.pop_front().map(Event::Step)
             } else {
                 self.filler()
             };
@@ -265,6 +276,7 @@ impl Iterator for Timeline {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sighting::Sighting;
 
     fn sighting() -> Sighting {
         Sighting::range_bearing(1.0, 0.0, None)
@@ -292,7 +304,9 @@ mod tests {
                         part.control[0] * part.share * if timing == ControlTiming::Held { part.row_s } else { 1.0 };
                     time += part.duration_s();
                 }
-                Event::Step { stamp_s, sightings } => out.push((stamp_s, sightings.len(), distance, time)),
+                Event::Step(SightingsRow { stamp_s, sightings, .. }) => {
+                    out.push((stamp_s, sightings.len(), distance, time))
+                }
             }
         }
         out
@@ -402,7 +416,7 @@ mod tests {
         assert_eq!(log.validate(), Ok(()));
         let parts = Timeline::of(&log, ControlTiming::Increment, 5.0).filter_map(|event| match event {
             Event::Control(part) => Some(part.covariance),
-            Event::Step { .. } => None,
+            Event::Step(_) => None,
         });
         assert_eq!(parts.collect::<Vec<_>>(), [None, Some(stated), Some(stated), None, None]);
     }
