@@ -125,9 +125,20 @@ pub(super) fn best_choice<H: Hypothesis>(
 /// By how much the best explanation is better than the second: what the map lacks counts as less certain than any
 /// landmark, and as the more certain the farther the nearest landmark lies.
 fn margin(rules: &Rules, best: Option<f64>, second: f64) -> f64 {
-    match best {
+    let margin = match best {
         Some(log_likelihood) if log_likelihood >= rules.log_unexplained_density => log_likelihood - second,
         Some(log_likelihood) => rules.log_unexplained_density - log_likelihood - 1e6,
         None => -1e3,
+    };
+    ordered(margin)
+}
+
+/// A margin that sorts: what is no number comes last, for its sign is up to the processor.
+#[inline(always)]
+pub(in crate::association) fn ordered(margin: f64) -> f64 {
+    if margin.is_nan() {
+        f64::NEG_INFINITY
+    } else {
+        margin
     }
 }

@@ -1,5 +1,6 @@
 //! The columns of a block of particles and the passes of vector code over them.
 
+use crate::association::choice::ordered;
 use crate::belief::Belief;
 use crate::density::{Fit, Tail};
 use crate::geometry::{Pose, Symmetric2};
@@ -252,7 +253,7 @@ impl Best {
             let best = self.log_likelihood[i];
             let new = if self.place[i] < 0.0 { -1e3 } else { log_unexplained_density - best - 1e6 };
             let margin = if best >= log_unexplained_density { best - self.second[i] } else { new };
-            let bits = margin.to_bits() as i64;
+            let bits = ordered(margin).to_bits() as i64;
             keys[i] = if uncertain[i] != 0.0 { bits ^ ((bits >> 63) as u64 >> 1) as i64 } else { 0 };
         }
     }
