@@ -25,6 +25,7 @@ REFERENCE = {
             "fastslam.filter",
             "fastslam.robot",
             "fastslam.sensors",
+            "fastslam.motions",
             "fastslam.live",
             "fastslam.config",
             "fastslam.settings",
