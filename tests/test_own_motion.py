@@ -142,9 +142,12 @@ def test_what_is_no_model_or_no_table_is_told(log: Log) -> None:
         with_motion(log, object())  # type: ignore[arg-type]
     for controls, message in [
         (([0.0, 0.0], [[1.0], [1.0]]), "row 1"),
-        (([0.0], [1.0]), "expected"),
+        (([0.0], [1.0]), "shape"),
+        (([0.0], [[1.0], [2.0]]), "1 stamps and 2 rows"),
         (([0.0, 1.0], [[1.0, np.inf]] * 2), "not finite"),
-        (("abc", [[1.0]]), "no numbers"),
+        (([1e17, 2e17], [[1.0]] * 2), "stamp_s: row 0"),
+        (([], np.empty((0, 2))), "there are none"),
+        (("abc", [[1.0]]), "numbers"),
     ]:
         with pytest.raises(DataError, match=message):
             with_motion(log, Arcs(), controls=controls)  # type: ignore[arg-type]

@@ -28,13 +28,9 @@ def log_from_arrays(
     name: str = "arrays",
 ) -> Log:
     """See `Log.from_arrays`; `names` are those of landmarks and of sensors."""
-    stamps, table = _parts("controls", controls, ("stamp_s", "values"))
-    stamp_s, values = _stamps("controls", stamps), _table("controls: values", table)
-    if len(stamp_s) != len(values):
-        raise DataError(f"controls: got {len(stamp_s):,} stamps and {len(values):,} rows of values")
-    if np.any(np.diff(stamp_s) <= 0.0):
-        row = int(np.flatnonzero(np.diff(stamp_s) <= 0.0)[0]) + 1
-        raise DataError(f"controls: stamp_s must grow, but row {row} ({stamp_s[row]:g}) does not")
+    stamp_s, values = checked_controls(controls)
+    if values.shape[1] not in (2, 3):
+        raise DataError(f"controls: values: got {values.shape[1]} columns, expected 2 or 3")
     sensor = (config or {}).get("sensor")
     measures = measured_columns(sensor.get("model") if isinstance(sensor, Mapping) else None)
     keys = ("stamp_s", *measures)
@@ -73,6 +69,18 @@ def log_from_arrays(
     return replace(log, sensor_names=sensor_names)
 
 
+def checked_controls(controls: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
+    """Stamps (N,) that grow, and values (N, C). Errors: `DataError` for what is neither."""
+    stamps, table = _parts("controls", controls, ("stamp_s", "values"))
+    stamp_s, values = _stamps("controls", stamps), _finite("controls: values", table, dimensions=2)
+    if len(stamp_s) != len(values):
+        raise DataError(f"controls: got {len(stamp_s):,} stamps and {len(values):,} rows of values")
+    if np.any(np.diff(stamp_s) <= 0.0):
+        row = int(np.flatnonzero(np.diff(stamp_s) <= 0.0)[0]) + 1
+        raise DataError(f"controls: stamp_s must grow, but row {row} ({stamp_s[row]:g}) does not")
+    return stamp_s, values
+
+
 def _parts(what: str, given: object, names: tuple[str, ...]) -> list[Any]:
     """The columns of a tuple. Errors: `DataError` where there are more or fewer than these."""
     parts = _listed(what, given)
@@ -98,13 +106,6 @@ def _stamps(what: str, values: ArrayLike) -> Floats:
 
 def _column(name: str, values: ArrayLike) -> Floats:
     return _finite(name, values, dimensions=1)
-
-
-def _table(name: str, values: ArrayLike) -> Floats:
-    table = _finite(name, values, dimensions=2)
-    if table.shape[1] not in (2, 3):
-        raise DataError(f"{name}: got {table.shape[1]} columns, expected 2 or 3")
-    return table
 
 
 def _finite(name: str, values: ArrayLike, *, dimensions: int) -> Floats:

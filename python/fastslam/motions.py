@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .answers import checked, in_one_line, read_only
+from .arrays import checked_controls
 from .datasets.graph import UPPER_3
 from .errors import DataError, ModelError
 from .log import Controls, Floats, Log
@@ -54,9 +55,10 @@ def with_motion(log: Log, model: MotionModel, *, controls: tuple[ArrayLike, Arra
     Errors: `ModelError` for answers of another shape, that are not finite, or depend on other rows, and for
     covariances that are none; `DataError` for controls that are no table with growing stamps.
     """
-    stamp_s, values = (
-        _table(log.controls.stamp_s, log.controls.values) if controls is None else _table(*controls)
-    )
+    given = (log.controls.stamp_s, log.controls.values) if controls is None else controls
+    stamp_s, values = checked_controls(given)
+    if len(stamp_s) == 0:
+        raise DataError("controls: there are none")
     ends = np.append(stamp_s[1:], log.sightings.stamp_s[log.sightings.stamp_s > stamp_s[-1]][-1:])
     if len(ends) == 0:
         raise DataError("controls: nothing comes after the first row, so that it holds for no time")
@@ -75,24 +77,9 @@ def displacement(model: MotionModel, control: ArrayLike, dt_s: float) -> tuple[F
     `Robot.odometry(stamp_s, moved, covariance=covariance)` takes both, with `motion: {model: increments}`.
     Errors: as of `with_motion`.
     """
-    _, row = _table([0.0], np.array([control], dtype=np.float64))
+    _, row = checked_controls(([0.0], np.expand_dims(np.asarray(control), 0)))
     increments, covariance = _asked(model, row, np.array([dt_s], dtype=np.float64))
     return increments[0], covariance[0]
-
-
-def _table(stamps: ArrayLike, table: ArrayLike) -> tuple[Floats, Floats]:
-    try:
-        stamp_s, values = np.array(stamps, dtype=np.float64), np.array(table, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise DataError("controls: got what are no numbers, expected stamps (N,) and values (N, C)") from None
-    if stamp_s.ndim != 1 or values.ndim != 2 or len(stamp_s) != len(values) or len(values) == 0:
-        raise DataError(f"controls: got shapes {stamp_s.shape}, {values.shape}, expected (N,) and (N, C)")
-    if not (np.isfinite(stamp_s).all() and np.isfinite(values).all()):
-        raise DataError("controls: got what is not finite")
-    if (np.diff(stamp_s) <= 0.0).any():
-        row = int(np.flatnonzero(np.diff(stamp_s) <= 0.0)[0]) + 1
-        raise DataError(f"controls: stamp_s must grow, but row {row} ({stamp_s[row]:g}) does not")
-    return stamp_s, values
 
 
 def _asked(model: MotionModel, values: Floats, dt_s: Floats) -> tuple[Floats, Floats]:

@@ -1,6 +1,7 @@
 //! Several sensors on one robot, each with its own mounting, limits and noise.
 
 use crate::blind::Blind;
+use crate::stores_agree_on_logs::bits;
 use fastslam_core::config::{Algorithm, AssociationMode, Config, Removal};
 use fastslam_core::filter::{FastSlam, Identities, Scan, Sighting};
 use fastslam_core::measurement::{Mounting, Sensor};
@@ -36,26 +37,6 @@ fn world(seed: u64, several: bool) -> (SimulatedLog, Config) {
     let mut config = Config { seed, motion, sensor, sensors, ..Config::default() };
     config.filter.particles = 40;
     (log, config)
-}
-
-/// All numbers of a run, as their bits.
-fn bits(output: &RunOutput) -> Vec<u64> {
-    let mut numbers = Vec::new();
-    for step in &output.steps {
-        let (info, pose) = (&step.info, &step.pose);
-        numbers.extend([step.stamp_s, info.weighing.effective_sample_size, info.weighing.log_likelihood]);
-        numbers.extend(pose.mean.to_array());
-        numbers.extend(pose.covariance.as_flattened());
-    }
-    for (stamp_s, pose) in &output.smoothed {
-        numbers.push(*stamp_s);
-        numbers.extend(pose.to_array());
-    }
-    for landmark in &output.map.landmarks {
-        numbers.extend(landmark.mean);
-        numbers.extend([landmark.covariance.xx, landmark.covariance.xy, landmark.covariance.yy]);
-    }
-    numbers.into_iter().map(f64::to_bits).collect()
 }
 
 /// A landmark and its true place.

@@ -44,7 +44,7 @@ fn output(config: &Config, store: StoreKind, log: &LogData) -> RunOutput {
 }
 
 /// All numbers of a run, as their bits.
-fn bits(output: &RunOutput) -> Vec<u64> {
+pub fn bits(output: &RunOutput) -> Vec<u64> {
     let mut numbers = Vec::new();
     for step in &output.steps {
         let (info, pose) = (&step.info, &step.pose);
