@@ -28,6 +28,8 @@ LEAST_BLOCKS = {
     "docs/howto/orchard.md": 4,
     "docs/howto/reflectors.md": 3,
     "docs/howto/tags.md": 4,
+    "docs/howto/beacons.md": 4,
+    "docs/howto/ros2-bag.md": 5,
     "docs/native-log-format.md": 1,
     "docs/concepts.md": 2,
     "docs/tuning.md": 2,
