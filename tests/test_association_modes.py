@@ -10,12 +10,13 @@ import fastslam
 import numpy as np
 import pytest
 from fabricate import make_log, make_run
+from fastslam.charts.map import landmark_groups
+from fastslam.charts.palette import class_color
 from fastslam.config import merge
 from fastslam.datasets import load, write_native
 from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation import evaluate, evaluate_run
 from fastslam.log import Log
-from fastslam.plots.map import class_color, landmark_groups
 from fastslam.result import LandmarkMap, RunResult
 from fastslam.resultfiles import read_result, write_result
 from fastslam.simulation import presets, simulate

@@ -20,7 +20,7 @@ from fastslam.resultfiles import read_result
 from small_log import LANDMARKS_M, write_small_log
 
 NUMBER_FILES = ("trajectory.tum", "smoothed.tum", "landmarks.csv", "metrics.json", "config.yaml", "steps.csv")
-PICTURES = ("map.png", "error.png", "effective_sample_size.png", "latency.png", "report.html")
+PICTURES = ("map.png", "error.png", "effective_sample_size.png", "latency.png")
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +42,9 @@ def test_run_writes_every_file_and_a_table_with_units(log: Path, tmp_path: Path)
     out = tmp_path / "out"
     outcome = fastslam("run", log, "--out", out, "--seed", "4")
     assert outcome.exit_code == 0, outcome.stderr
-    for name in (*NUMBER_FILES, *PICTURES):
+    for name in (*NUMBER_FILES, "report.html"):
         assert (out / name).stat().st_size > 0, name
+    assert not list(out.glob("*.png"))
     metrics = json.loads((out / "metrics.json").read_text())
     assert metrics["landmarks"] == len(LANDMARKS_M)
     # Six landmarks, each seen 60 times at 5 cm and 20 mrad: a few centimetres is ample.
@@ -68,6 +69,15 @@ def test_effective_configuration_gives_the_same_run_again(log: Path, tmp_path: P
     assert outcome.exit_code == 0, outcome.stderr
     for name in ("trajectory.tum", "smoothed.tum", "landmarks.csv"):
         assert (first / name).read_bytes() == (second / name).read_bytes(), name
+
+
+def test_figures_are_written_where_they_are_asked_for(log: Path, tmp_path: Path) -> None:
+    few = ("--particles", "5", "--figures")
+    for out, more in ((tmp_path / "both", ()), (tmp_path / "figures", ("--no-report",))):
+        assert fastslam("run", log, "--out", out, *few, *more).exit_code == 0
+        for name in PICTURES:
+            assert (out / name).stat().st_size > 1000, name
+        assert (out / "report.html").exists() == (not more)
 
 
 def test_no_report_writes_no_pictures(log: Path, tmp_path: Path) -> None:
@@ -196,7 +206,7 @@ def test_demo_in_a_real_process_takes_less_than_ten_seconds(tmp_path: Path) -> N
     elapsed_s = time.monotonic() - started
     assert demo.returncode == 0, stderr
     latest = tmp_path / "results" / "latest"
-    for name in (*NUMBER_FILES, *PICTURES):
+    for name in (*NUMBER_FILES, "report.html"):
         assert (latest / name).exists(), name
     metrics = json.loads((latest / "metrics.json").read_text())
     assert metrics["landmark_recall"] > 0.9

@@ -33,7 +33,7 @@ def log(tmp_path: Path) -> Path:
 
 def test_a_second_run_leaves_no_file_of_the_first(log: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    assert fastslam("run", log, "--out", out, "--runs", "2", *QUICK).exit_code == 0
+    assert fastslam("run", log, "--out", out, "--runs", "2", "--figures", *QUICK).exit_code == 0
     first = {path.name for path in out.iterdir()}
     assert {"runs.json", "report.html", "map.png", "log.json"} <= first <= set(OWN_FILES)
     (out / "notes.txt").write_text("mine")

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .charts.palette import LANDMARK, class_color
 from .errors import DataError
 from .log import Floats
 from .result import LandmarkMap, RunResult, Trajectory
@@ -172,13 +173,9 @@ class _Mark:
 
 def _color_of(landmarks: LandmarkMap, row: int) -> tuple[float, float, float, float]:
     """That of the class, as on the map of the report; faint where the landmark is not yet believed."""
-    from matplotlib.colors import to_rgb
-
-    from .plots.map import class_color
-    from .plots.style import LANDMARK
-
     index = -1 if landmarks.class_index is None else int(landmarks.class_index[row])
-    red, green, blue = to_rgb(class_color(landmarks.class_name(row), index) if index >= 0 else LANDMARK)
+    color = class_color(landmarks.class_name(row), index) if index >= 0 else LANDMARK
+    red, green, blue = (int(color[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
     is_believed = landmarks.confirmed is None or bool(landmarks.confirmed[row])
     return red, green, blue, 1.0 if is_believed else 0.3
 

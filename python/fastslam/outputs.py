@@ -19,10 +19,11 @@ def write_outputs(
     folder: Path | str,
     *,
     report: bool = True,
+    figures: bool = False,
     other_runs: Sequence[Metrics] = (),
     options: EvaluationOptions | None = None,
 ) -> Metrics:
-    """Writes result files and, with `report`, figures and `report.html`; returns the metrics.
+    """Writes result files, with `report` the page `report.html`, with `figures` PNG; returns the metrics.
 
     `other_runs` are the metrics of further runs over the same log (other seeds): then `runs.json` holds those
     of every run and their summary, and the report shows it. The numbers are written before the pictures, so
@@ -39,14 +40,14 @@ def write_outputs(
         summary = {name: asdict(value) for name, value in summarize(runs).items()}
         write_atomically(target / RUNS_FILE, to_json({"runs": runs, "summary": summary}))
     if report:
-        # Matplotlib takes a second to load and is needed only here.
-        with stage("figures"):
-            from .plots import make_figures, save_figures
-
-            figures = make_figures(result, log, evaluation=evaluation)
-            save_figures(figures, target)
         with stage("page"):
             from .report import write_report
 
-            write_report(result, log, target, evaluation=evaluation, runs=runs, figures=figures)
+            write_report(result, log, target, evaluation=evaluation, runs=runs)
+    if figures:
+        # Matplotlib takes a second to load and is needed only here.
+        with stage("figures"):
+            from .plots import write_figures
+
+            write_figures(result, log, target, evaluation=evaluation)
     return evaluation.metrics

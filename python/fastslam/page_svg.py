@@ -6,6 +6,8 @@ import re
 from functools import partial
 from html import escape
 
+from .charts.palette import THEMED
+
 _DECIMALS = re.compile(r"(\.\d\d)\d+")
 """What the outline of a mark does not need: a hundredth of a point is enough."""
 _TENTHS = re.compile(r"(\.\d)\d+")
@@ -17,15 +19,11 @@ _MARK = re.compile(r'<use xlink:(href="[^"]*") x="([^"]*)" y="([^"]*)" style="([
 
 def themed_svg(svg: str, name: str) -> str:
     """SVG ready to stand in the page: its greys follow the page's theme, its ids are its own, it is short."""
-    from .plots import style
-
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r' d="[^"]*"', _short_path, svg)
     svg = _MARKS.sub(_short_marks, svg)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    colors = {style.INK: "ink", style.MUTED: "axis", style.GRID: "grid", style.TRUTH: "truth"}
-    colors |= {style.PAPER: "paper", style.LIVE: "live"}
-    for color, variable in colors.items():
+    for color, variable in THEMED.items():
         svg = svg.replace(color, f"var(--{variable})")
     svg = re.sub(r'id="([^"]+)"', rf'id="{name}-\1"', svg)
     svg = re.sub(r'href="#([^"]+)"', rf'href="#{name}-\1"', svg)

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from functools import partial
 from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING
 
 from . import __version__
+from .charts.figures import map_chart, run_charts
+from .charts.svg import draw_chart
 from .evaluation import Evaluation, Metrics, evaluate_run, flatten
 from .evaluation.display import MetricRow, format_metric, format_number, metric_rows, summary_rows
 from .evaluation.metrics import METRIC_UNITS, particle_count
 from .health import health_summary
 from .log import Log
-from .page_svg import themed_svg
 from .report_landmarks import hover_layer, landmark_table
 from .result import RunResult
 from .resultfiles import REPORT_FILE, config_yaml, write_atomically
 from .verdict import warnings_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _CARDS = (
     ("ate_rmse_m", "path error, RMSE"),
@@ -54,11 +52,8 @@ def write_report(
     *,
     evaluation: Evaluation | None = None,
     runs: Sequence[Metrics] = (),
-    figures: Mapping[str, Figure] | None = None,
 ) -> Path:
     """Write the report of a run; with `runs`, metrics of several runs, a table that sums them up.
-
-    `figures` are those of `plots.make_figures` where they are made already.
 
     `path` is the file, or a folder that gets `report.html`. The page loads nothing from elsewhere.
     Errors: `DataError` where it cannot be written.
@@ -66,7 +61,7 @@ def write_report(
     target = Path(path)
     if target.is_dir() or target.suffix == "":
         target = target / REPORT_FILE
-    page = render_report(result, log, evaluation=evaluation, runs=runs, figures=figures)
+    page = render_report(result, log, evaluation=evaluation, runs=runs)
     return write_atomically(target, page)
 
 
@@ -76,15 +71,10 @@ def render_report(
     *,
     evaluation: Evaluation | None = None,
     runs: Sequence[Metrics] = (),
-    figures: Mapping[str, Figure] | None = None,
 ) -> str:
     """The report as HTML text; arguments as those of `write_report`."""
-    # Imported here so that scoring and result files work where Matplotlib is not installed.
-    from .plots import make_figures, map_figure
-
     found = evaluate_run(result, log) if evaluation is None else evaluation
-    made = make_figures(result, log, evaluation=found) if figures is None else figures
-    blocks = _figures(result, made, map_figure(result, log, evaluation=found, width_in=4.0))
+    blocks = _figures(result, log, found)
     return render_page(
         "report_page.html",
         title=escape(f"{log.name}: map and path"),
@@ -172,17 +162,17 @@ def _card(text: str, unit: str, label: str) -> str:
     return f'<div class="card"><b>{escape(text)} <small>{escape(unit)}</small></b><span>{label}</span></div>'
 
 
-def _figures(result: RunResult, figures: Mapping[str, Figure], small_map: Figure) -> dict[str, str]:
+def _figures(result: RunResult, log: Log, found: Evaluation) -> dict[str, str]:
     """The figures as HTML, by name; of the map there are two, one of which each page shows."""
-    from .plots import render
-
     blocks = {}
-    for name, figure in figures.items():
-        svg = themed_svg(render(figure, "svg").decode(), name)
+    for name, chart in run_charts(result, log, found).items():
+        kind = ""
         if name == "map":
-            svg = svg.replace("</svg>", f"{hover_layer(figure, result.landmarks)}</svg>")
-            svg += themed_svg(render(small_map, "svg").decode(), "small-map")
-        kind = ' class="whole"' if name == "map" else ""
+            kind = ' class="whole"'
+            svg = draw_chart(chart, name, over=partial(hover_layer, landmarks=result.landmarks))
+            svg += draw_chart(map_chart(result, log, found, width_in=4.0), "small-map")
+        else:
+            svg = draw_chart(chart, name)
         blocks[name] = f"<figure{kind}>{svg}<figcaption>{_CAPTIONS[name]}</figcaption></figure>"
     return blocks
 

@@ -11,38 +11,30 @@ from .log import Floats
 from .result import LandmarkMap
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from .charts.layout import Place
 
 MOST_LANDMARKS = 2000
 """More than this are in `landmarks.csv` only: a page that holds them all would be slow to open."""
 _SHOWN_AT_ONCE = 40
 """Up to so many landmarks the table is unfolded, so that it is printed too."""
-_SVG_DPI = 72.0
 _HEAD = ("id", "class", "x [m]", "y [m]", "σ along [m]", "σ across [m]", "sightings", "")
 
 
-def hover_layer(figure: Figure, landmarks: LandmarkMap) -> str:
-    """SVG elements that lie over the drawn map and tell each landmark's figures under the pointer.
-
-    `figure` is the map, rendered before, so that its layout is settled.
-    """
+def hover_layer(place: Place, landmarks: LandmarkMap) -> str:
+    """SVG elements that lie over the drawn map and tell each landmark's figures under the pointer."""
     if not 0 < len(landmarks.ids) <= MOST_LANDMARKS:
         return ""
-    to_points = _SVG_DPI / figure.dpi
-    places = figure.axes[0].transData.transform(landmarks.mean_m) * to_points
-    height = figure.get_figheight() * _SVG_DPI
+    xs, ys = place.x.at(landmarks.mean_m[:, 0]).tolist(), place.y.at(landmarks.mean_m[:, 1]).tolist()
     major, minor = deviations_m(landmarks)
     spots = []
-    for row, (x, y) in enumerate(places):
+    for row, (x, y) in enumerate(zip(xs, ys, strict=True)):
         name = " ".join(part for part in (landmarks.ids[row], landmarks.class_name(row)) if part)
         east_m, north_m = landmarks.mean_m[row]
         says = (
             f"{name}: ({east_m:.3f}, {north_m:.3f}) m, σ {major[row]:.3f} m along, {minor[row]:.3f} m "
             f"across, {landmarks.sightings[row]:,} sightings{_standing(landmarks, row)}"
         )
-        spots.append(
-            f'<circle cx="{x:.1f}" cy="{height - y:.1f}" r="5"><title>{escape(says)}</title></circle>'
-        )
+        spots.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5"><title>{escape(says)}</title></circle>')
     return f'<g class="landmarks">{"".join(spots)}</g>'
 
 

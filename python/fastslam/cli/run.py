@@ -84,6 +84,9 @@ BestOf = Annotated[
     ),
 ]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write the numbers only, no pictures.")]
+Figures = Annotated[
+    bool, typer.Option("--figures", help="Write the pictures of the report as PNG files too (a second more).")
+]
 
 
 def run_log(
@@ -111,6 +114,7 @@ def run_log(
     resume: Resume = False,
     map_out: MapOut = None,
     no_report: NoReport = False,
+    figures: Figures = False,
     json: Json = False,
     verbose: Verbose = False,
     unexamined: Unexamined = False,
@@ -118,7 +122,7 @@ def run_log(
     watch: Watching = False,
     watch_port: WatchPort = DEFAULT_PORT,
 ) -> None:
-    """Run the filter over a log and write map, path, numbers, pictures and a report.
+    """Run the filter over a log and write map, path, numbers and a report with pictures.
 
     Settings come from: defaults < the log's own < --config < --set and the flags below.
 
@@ -177,7 +181,7 @@ def run_log(
         folder = prepare_folder(out)
         if auto:
             configuration = configure(log, *layers, learned_into(folder, log, merge(*layers), quiet=json))
-        results = Results(folder, reference, report=not no_report, findings=findings)
+        results = Results(folder, reference, report=not no_report, figures=figures, findings=findings)
         checkpoints = _checkpoints(folder, checkpoint_every, resume=resume)
         port = watch_port if watch else None
         with watched(log.name, configuration, port=port, kind="run") as watcher:
@@ -242,13 +246,22 @@ class Results:
     folder: Path
     reference: LogReference
     report: bool = True
+    figures: bool = False
     findings: tuple[Finding, ...] = ()
 
-    def write(self, result: RunResult, log: Log, *, report: bool, others: Sequence[Metrics] = ()) -> Metrics:
+    @property
+    def pictures(self) -> bool:
+        """Whether more than numbers is written."""
+        return self.report or self.figures
+
+    def write(
+        self, result: RunResult, log: Log, *, pictures: bool, others: Sequence[Metrics] = ()
+    ) -> Metrics:
         """Writes the files, in the place of those of an older run."""
         from ..outputs import write_outputs
 
-        metrics = write_outputs(result, log, self.folder, report=report, other_runs=others)
+        page, figures = pictures and self.report, pictures and self.figures
+        metrics = write_outputs(result, log, self.folder, report=page, figures=figures, other_runs=others)
         write_log_reference(self.folder, self.reference)
         return metrics
 
@@ -298,13 +311,13 @@ def run_all(
         first = replace(next(computed), findings=tuple(finding.to_dict() for finding in results.findings))
         interrupted = first.interrupted
         # Kept safe at once when further runs, which may fail, are to come.
-        metrics = results.write(first, log, report=False)
+        metrics = results.write(first, log, pictures=False)
         for result in computed:
             interrupted = result.interrupted
             if not interrupted:
                 others.append(evaluate(result, log))
-    if results.report or others:
-        metrics = results.write(first, log, report=results.report, others=others)
+    if results.pictures or others:
+        metrics = results.write(first, log, pictures=True, others=others)
     return Finished(first, [metrics, *others], results.folder, results.report, interrupted)
 
 
@@ -323,7 +336,7 @@ def run_tries(
     if len(kept.tries) > 2 or tries is not None:
         _list_tries(kept)
     kept = replace(kept, findings=tuple(finding.to_dict() for finding in results.findings))
-    metrics = results.write(kept, log, report=results.report)
+    metrics = results.write(kept, log, pictures=True)
     return Finished(kept, [metrics], results.folder, results.report, kept.interrupted)
 
 

@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
+from ..charts.map import ELLIPSE_SIGMAS
 from ..errors import DataError
 from ..maps import Map
 from . import style
-from .map import ELLIPSE_SIGMAS
 
 MOST_NAMES = 60
 """More landmarks than this are drawn without their ids."""

@@ -12,14 +12,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
+from ..charts.figures import map_chart, run_charts
 from ..evaluation import Evaluation, evaluate_run
 from ..log import Log
 from ..result import RunResult
 from ..resultfiles import write_atomically
 from . import style
-from .health import plot_health, plot_innovations
-from .map import plot_map
-from .over_time import plot_effective_sample_size, plot_error_over_time, plot_latency, plot_latency_histogram
+from .panel import chart_figure
 
 
 def map_figure(
@@ -29,35 +28,14 @@ def map_figure(
 
     Letters are of one size: a figure of 4 inches can be read on a phone.
     """
-    with style.house_style():
-        figure = style.new_figure(width_in, 0.9 * width_in + max(0.0, 2.0 - 0.25 * width_in))
-        plot_map(figure.add_subplot(), result, log, evaluation=evaluation)
-    return figure
+    found = evaluate_run(result, log) if evaluation is None else evaluation
+    return chart_figure(map_chart(result, log, found, width_in=width_in))
 
 
 def make_figures(result: RunResult, log: Log, *, evaluation: Evaluation | None = None) -> dict[str, Figure]:
     """The figures `map`, `error`, `health`, `effective_sample_size` and `latency`, by name."""
     found = evaluate_run(result, log) if evaluation is None else evaluation
-    with style.house_style():
-        error_figure = style.new_figure(8.0, 3.8)
-        plot_error_over_time(error_figure.add_subplot(), result, log, evaluation=found)
-        health_figure = style.new_figure(8.0, 4.2)
-        upper, lower = health_figure.subplots(2, 1, sharex=True, height_ratios=[2, 3])
-        plot_health(upper, result)
-        plot_innovations(lower, result)
-        sample_figure = style.new_figure(8.0, 3.4)
-        plot_effective_sample_size(sample_figure.add_subplot(), result)
-        latency_figure = style.new_figure(8.0, 3.4)
-        left, right = latency_figure.subplots(1, 2, width_ratios=[3, 2])
-        plot_latency(left, result)
-        plot_latency_histogram(right, result)
-    return {
-        "map": map_figure(result, log, evaluation=found),
-        "error": error_figure,
-        "health": health_figure,
-        "effective_sample_size": sample_figure,
-        "latency": latency_figure,
-    }
+    return {name: chart_figure(chart) for name, chart in run_charts(result, log, found).items()}
 
 
 def write_figures(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
@@ -12,20 +13,41 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
 
-INK = "#1f2328"
-MUTED = "#6e7781"
-GRID = "#d8dee4"
-PAPER = "#ffffff"
-LIVE = "#0072b2"
-SMOOTHED = "#e69f00"
-LANDMARK = "#d55e00"
-TRUTH = "#4d5560"
-BAND = "#56b4e9"
-EVENT = "#cc79a7"
-GOOD = "#009e73"
-CLASSES = ("#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#d55e00")
-DARK_YELLOW = "#c9a400"
-"""Okabe and Ito's palette for data; greys for everything else."""
+from ..charts.palette import (
+    BAND,
+    CLASSES,
+    EVENT,
+    GOOD,
+    GRID,
+    INK,
+    LANDMARK,
+    LIVE,
+    MUTED,
+    PAPER,
+    SMOOTHED,
+    TRUTH,
+)
+
+__all__ = [
+    "BAND",
+    "CLASSES",
+    "EVENT",
+    "GOOD",
+    "GRID",
+    "INK",
+    "LANDMARK",
+    "LIVE",
+    "MAX_VECTOR_POINTS",
+    "MUTED",
+    "PAPER",
+    "SMOOTHED",
+    "TRUTH",
+    "house_style",
+    "is_heavy",
+    "legend_below",
+    "new_figure",
+    "plain_log_ticks",
+]
 
 MAX_VECTOR_POINTS = 20_000
 """Marks with more points than this are drawn as an image inside vector figures, to keep those small."""
@@ -87,11 +109,13 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return NotebookFigure(figsize=(width_in, height_in), layout="constrained")
 
 
-def legend_below(axis: Axes, *, columns: int = 4) -> None:
-    """The legend under the axis and its label, where it hides no data."""
+def legend_below(axis: Axes, *, columns: int = 4, handles: Sequence[Any] | None = None) -> None:
+    """The legend under the axis and its label, where it hides no data; of these handles, or of all."""
     assert axis.figure is not None
     below = axis.transAxes + ScaledTranslation(0.0, -0.5, axis.figure.dpi_scale_trans)
     anchor: dict[str, Any] = {"bbox_to_anchor": (0.5, 0.0), "bbox_transform": below}
+    if handles is not None:
+        anchor["handles"] = handles
     axis.legend(loc="upper center", ncols=columns, borderaxespad=0.0, **anchor)
 
 

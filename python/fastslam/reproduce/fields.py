@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
+from ..charts.map import ellipse_axes
 from ..config import merge
 from ..evaluation import Evaluation, RigidTransform, evaluate_run
 from ..log import Log
 from ..plots import new_figure, plot_map, style
-from ..plots.map import ellipse_axes
 from ..result import RunResult
 from ..runner import run
 from ..simulation import simulate
