@@ -143,7 +143,9 @@ def test_the_commands(tmp_path: Path) -> None:
     outcome = fastslam(
         *("localize", folder, "--map", chart, "--start", "anywhere", "--out", tmp_path / "c", *common)
     )
-    assert outcome.exit_code == 0 and "found after" in outcome.stdout, outcome.stderr
+    assert outcome.exit_code == 0 and "start: anywhere; found after" in outcome.stdout, outcome.stderr
+    outcome = fastslam("localize", folder, "--map", chart, "--out", tmp_path / "d", *common)
+    assert outcome.exit_code == 0 and "start: the initial_pose of the settings" in outcome.stdout
     fastslam("localize", folder, "--map", chart, "--start", "1,2").assert_one_line_error(
         exit_code=2, contains="--start 1,2: expected three numbers"
     )
@@ -163,3 +165,18 @@ def test_a_start_anywhere_is_followed_to_the_end() -> None:
     at = np.clip(np.searchsorted(truth.stamp_s, path.stamp_s), 0, len(truth.stamp_s) - 1)
     off_m = np.linalg.norm(path.T_world_robot[:, :2] - truth.T_world_robot[at, :2], axis=1)
     assert np.sqrt(np.mean(off_m**2)) < 0.2
+
+
+def test_without_a_start_the_robot_is_searched_for_unless_one_is_stated() -> None:
+    log = _log(12)
+    chart = _true_map(log)
+    stated = localize(log, chart, config=UNKNOWN)
+    assert (stated.start, stated.searched_s) == ("stated", 0.0)
+    bare = replace(log, config={key: value for key, value in log.config.items() if key != "initial_pose"})
+    assert log.config != bare.config
+    found = localize(bare, chart, config=UNKNOWN)
+    assert (found.start, found.status) == ("anywhere", "found") and found.searched_s > 0.0
+    assert np.linalg.norm(found.modes[0].T_map_robot - _true_start(log, log)) < 0.5
+    initial = dict(zip(("x_m", "y_m", "heading_rad"), map(float, _true_start(log, log)), strict=True))
+    assert localize(bare, chart, config={**UNKNOWN, "initial_pose": initial}).start == "stated"
+    assert localize(bare, chart, start=Start(*initial.values()), config=UNKNOWN).start == "given"

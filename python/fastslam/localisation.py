@@ -56,17 +56,23 @@ class Localisation:
 
     `status` is `found`, or `searching` where no place is a thousand times likelier than all others: then
     `modes` are the places that remain, perhaps none, and there is no `result`. `searched_s` is how long the
-    robot drove until its place was sure.
+    robot drove until its place was sure. `start` is where the run began: `given` by the caller, `stated`
+    by the settings or the log, or `anywhere`, after a search.
     """
 
     status: Literal["found", "searching"]
     modes: tuple[Mode, ...]
     searched_s: float
     result: RunResult | None
+    start: Literal["given", "stated", "anywhere"] = "anywhere"
 
     @property
     def sentence(self) -> str:
-        """What it comes to."""
+        """Where the run began, or what the search comes to."""
+        if self.start == "given":
+            return "starts as given"
+        if self.start == "stated":
+            return "starts at the initial_pose of the settings"
         if self.status == "found":
             return f"found after {self.searched_s:.1f} s"
         places = f"{len(self.modes)} places are likely" if self.modes else "no place of the map fits"
@@ -84,6 +90,8 @@ def localize(
 ) -> Localisation:
     """Follows a robot through a map, from a start or, with `Anywhere()`, after finding it there.
 
+    Without `start` it begins at the `initial_pose` that `config` or the log states; where neither does,
+    anywhere.
     With `keep` the map is not changed: what does not fit is in `result.changes`. Otherwise prior landmarks
     improve and new ones are added; `result.map` is the map then.
 
@@ -99,14 +107,21 @@ def localize(
     log = with_sightings(source if isinstance(source, Log) else load(source))
     chart = Map.load(map) if isinstance(map, Path | str) else map
     used = chart.with_role("fixed") if keep else chart
+    if start is None and not _states_a_start(log, config):
+        start = Anywhere()
     if not isinstance(start, Anywhere):
         result = run(log, config, map=used, start=start, progress=progress)
-        return Localisation("found", (), 0.0, result)
+        return Localisation("found", (), 0.0, result, "stated" if start is None else "given")
     found = find(log, chart, config=config)
     if found.status == "searching":
         return found
     mode = found.modes[0]
     return replace(found, result=run(log, config, map=used, start=start_of(mode), progress=progress))
+
+
+def _states_a_start(log: Log, config: Layer | None) -> bool:
+    """Whether the settings, or the log's own, say where the robot starts."""
+    return any("initial_pose" in layer for layer in (log.config, config or {}))
 
 
 def start_of(mode: Mode) -> Start:

@@ -66,9 +66,10 @@ def localize_log(
 ) -> None:
     """Follow a robot through a map: from a known start, or from anywhere in it.
 
-    With --keep, the default, the map is never changed; what is new and what is gone is listed. With
-    --start anywhere the robot is searched for; where several places remain likely they are listed, and the
-    exit code is 1.
+    With --keep, the default, the map is never changed; what is new and what is gone is listed. Without
+    --start the robot starts at the initial_pose of the configuration or the log; where neither states one,
+    and with --start anywhere, it is searched for. Where several places remain likely they are listed, and
+    the exit code is 1.
 
     \b
     Examples:
@@ -123,12 +124,21 @@ def _written(
     return folder, metrics
 
 
+def _begin(found: Localisation) -> str:
+    """Which start was used, and what came of it."""
+    if found.start == "given":
+        return "start: as --start says"
+    if found.start == "stated":
+        return "start: the initial_pose of the settings; --start anywhere searches the map"
+    hint = "; --start X,Y,HEADING says where it is" if found.status == "searching" else ""
+    return f"start: anywhere; {found.sentence}{hint}"
+
+
 def _show(found: Localisation, written: tuple[Path, Any] | None) -> None:
     from ..verdict import warnings_of
 
     console = stdout()
-    if found.modes or found.status == "searching":
-        console.print(found.sentence, highlight=False, markup=False)
+    console.print(_begin(found), highlight=False, markup=False, soft_wrap=True)
     for mode in found.modes:
         x, y, heading = mode.T_map_robot
         line = f"  x {x:.2f} m, y {y:.2f} m, heading {heading:.3f} rad: probability {mode.probability:.4f}"
@@ -148,6 +158,7 @@ def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, A
     changes = None if found.result is None else found.result.changes
     return {
         "status": found.status,
+        "start": found.start,
         "searched_s": found.searched_s,
         "modes": [
             {"T_map_robot": mode.T_map_robot.tolist(), "probability": mode.probability}
