@@ -18,27 +18,38 @@ QUICK ?=
 CRATES := --package=fastslam-core --package=fastslam-sim --package=fastslam-py
 
 .DELETE_ON_ERROR:
-.PHONY: help setup demo test test-rust test-python lint format docs web site bench clean
+.PHONY: help setup module demo test test-all test-rust test-python lint format docs web site bench clean
 
 help: ## list the targets
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(VENV)/.installed ## create .venv, build the Rust core (release) and install the package into it
 
+# Any module will do for tests: that of `setup`, else one that is built in a third of the time.
+module: $(VENV)/.module
+
 demo: setup ## simulate a world, run the filter, print the numbers and where the report lies
 	@$(BIN)/fastslam demo
 
-# The module and the Rust tests are compiled at a time: the last crates of each keep one processor busy for minutes.
-test: ## run every test, Rust and Python
+# Packages are fetched while the Rust tests are compiled.
+test: ## run the tests, Rust and Python, but those that are marked as slow
 	@PYTHON="$(PYTHON)" scripts/check-tools.sh
-	$(MAKE) --no-print-directory -j2 setup test-rust CARGO_TEST_FLAGS=--no-run
-	$(MAKE) --no-print-directory test-rust test-python
+	$(MAKE) --no-print-directory -j2 module test-rust CARGO_TEST_FLAGS=--no-run
+	$(MAKE) --no-print-directory test-rust
+	$(MAKE) --no-print-directory test-python PYTEST_FLAGS=--short
+	@echo "Left out: what is marked as slow, listed above as ignored (Rust) and skipped (Python). make test-all runs it."
+
+test-all: ## run every test, Rust and Python
+	@PYTHON="$(PYTHON)" scripts/check-tools.sh
+	$(MAKE) --no-print-directory -j2 module test-rust CARGO_TEST_FLAGS=--no-run
+	$(MAKE) --no-print-directory test-rust CARGO_TEST_FLAGS="-- --include-ignored"
+	$(MAKE) --no-print-directory test-python
 
 test-rust:
 	cargo test $(CRATES) $(CARGO_TEST_FLAGS)
 
-test-python: setup
-	$(IN_VENV) $(BIN)/python -m pytest -n 2 --dist worksteal
+test-python: module
+	$(IN_VENV) $(BIN)/python -m pytest -n 2 --dist worksteal $(PYTEST_FLAGS)
 
 lint: setup ## check formatting, lints and types in both languages
 	cargo fmt --all --check
@@ -96,4 +107,11 @@ $(WEB): $(WEB_SOURCES)
 $(VENV)/.installed: $(VENV)/.created $(SOURCES)
 	@PYTHON="$(BIN)/python" scripts/check-tools.sh
 	$(IN_VENV) $(BIN)/maturin develop --release --extras dev
+	@touch $(VENV)/.module $@
+
+# It takes the place of the one that `setup` made, which is made anew when it is asked for.
+$(VENV)/.module: $(VENV)/.created $(SOURCES)
+	@PYTHON="$(BIN)/python" scripts/check-tools.sh
+	@rm -f $(VENV)/.installed
+	$(IN_VENV) $(BIN)/maturin develop --extras dev
 	@touch $@

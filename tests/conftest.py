@@ -10,6 +10,24 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--short", action="store_true", help="skip what is marked as slow, and say so")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """With `--short` slow tests are skipped, not left out: the list of what was skipped names their files.
+
+    Of a test with parameters `slow(but="id")` is run with these.
+    """
+    if not config.getoption("--short"):
+        return
+    left_out = pytest.mark.skip(reason="slow: `make test-all` runs it")
+    for item in items:
+        slow = item.get_closest_marker("slow")
+        if slow is not None and not item.name.endswith(f"[{slow.kwargs.get('but')}]"):
+            item.add_marker(left_out)
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Folder of the real logs: FASTSLAM_DATA, else ../shared/data. Skips the test where there is none."""

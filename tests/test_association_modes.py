@@ -49,6 +49,7 @@ def life_by_bayes(clutter_density: float) -> dict[str, Any]:
     }
 
 
+@pytest.mark.slow
 def test_confirmed_landmarks_are_right_and_complete_among_a_fifth_of_misses_and_false_sightings() -> None:
     scores = []
     for seed in SEEDS:
@@ -91,6 +92,7 @@ def error_within_pairs_m(result: RunResult, log: Log) -> float:
     return float(np.sqrt(np.mean(np.sum(off_m**2, axis=1))))
 
 
+@pytest.mark.slow
 def test_colour_resolves_what_position_confuses() -> None:
     by_place = merge(life_by_bayes(0.01), {"association": {"detection_probability": 0.9}})
     by_colour = merge(by_place, {"association": {"classes": {"number": 2, "correct_probability": 0.95}}})
@@ -114,6 +116,7 @@ def test_colour_resolves_what_position_confuses() -> None:
     assert np.median(errors_m["colour"]) < 0.6 * np.median(errors_m["place"]), errors_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("identities", ["none", "all"])
 def test_a_cone_track_brings_what_closes_its_loop(identities: str, tmp_path: Path) -> None:
     changes = {"seed": 1, "scan": {"identities": identities}, "trajectory": {"laps": 2}}

@@ -104,6 +104,7 @@ def test_arrays_need_no_ranges() -> None:
     assert len(run(log, {"filter": {"particles": 5}}).landmarks.ids) == 1
 
 
+@pytest.mark.slow
 def test_bearings_without_names_make_the_same_map(posts: LogType) -> None:
     unknown = {**FEW, "association": {"mode": "unknown"}}
     result = run(posts, unknown)

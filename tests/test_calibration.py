@@ -80,6 +80,7 @@ def log_of_seed(seed: int, *, correlation_s: float) -> Log:
     return replace(log, sightings=sightings, config={**log.config, "sensor": sensor})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("correlation_s", [0.01, 2.0], ids=["white", "correlated"])
 def test_the_interval_holds_the_truth_in_95_percent_of_logs(correlation_s: float) -> None:
     inside = []
@@ -190,6 +191,7 @@ def test_the_command_writes_a_configuration_for_run(tmp_path: Path) -> None:
     fastslam("calibrate", log, "--reference", "x").assert_one_line_error(exit_code=2, contains="reference")
 
 
+@pytest.mark.slow
 def test_the_lever_arm_of_lost_in_the_woods_is_found(data_dir: Path) -> None:
     log = load(data_dir / "lost_in_the_woods")
     without = {"sensor": {"mounting": {"x_m": 0.0}}, "filter": {"particles": 50}, "seed": 0}
@@ -199,6 +201,7 @@ def test_the_lever_arm_of_lost_in_the_woods_is_found(data_dir: Path) -> None:
     assert found["mounting.yaw_rad"].value == pytest.approx(0.08, abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_range_scale_of_a_camera_is_found_and_its_map_gets_better(data_dir: Path) -> None:
     whole = load(data_dir / "utias_mrclam" / "MRCLAM_Dataset2", robot=5)
     # Twelve of its 34 minutes, with 4,508 of the sightings.

@@ -97,6 +97,7 @@ def test_a_sound_log_gives_its_map(cases: Path) -> None:
     assert evaluate(result, log)["landmark_rmse_m"] < 0.01
 
 
+@pytest.mark.slow
 def test_a_loop_of_a_sound_log_is_closed_whatever_the_draws(cases: Path) -> None:
     # The plain filter maps all twice for two seeds in five.
     log = load(cases / "02-mrpt909-behind")

@@ -99,6 +99,7 @@ def test_14_without_sightings_there_is_a_path_and_a_word(cases: Path, tmp_path: 
     assert len((tmp_path / "out" / "trajectory.tum").read_text().splitlines()) >= 120
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ["20b-log-gap-20s", "21-wheel-slip", "10-baseline-fov162-doubles"])
 def test_a_map_that_comes_out_wrong_is_said_to_be(cases: Path, case: str) -> None:
     """Right, or a verdict that says what is wrong; with the plain filter the third is mostly wrong too."""

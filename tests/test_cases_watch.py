@@ -25,6 +25,7 @@ def test_04_ranges_in_millimetres_are_a_verdict_and_no_result(cases: Path, tmp_p
     assert said[1:] in (tmp_path / "out" / "report.html").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["fastslam1", "fastslam2", "ekf"])
 def test_15_a_name_at_two_places_is_told_with_both(cases: Path, algorithm: str) -> None:
     log = load(cases / "15-tag-number-twice")
@@ -39,6 +40,7 @@ def test_15_a_name_at_two_places_is_told_with_both(cases: Path, algorithm: str) 
         assert result.warnings == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["fastslam1", "fastslam2", "ekf"])
 def test_16_misread_names_do_not_ruin_the_map(cases: Path, algorithm: str) -> None:
     log = load(cases / "16-misread-ids")
@@ -55,6 +57,7 @@ def test_16_misread_names_do_not_ruin_the_map(cases: Path, algorithm: str) -> No
         assert result.warnings == ()
 
 
+@pytest.mark.slow
 def test_28_minus_one_is_nobodys_name(cases: Path) -> None:
     log = load(cases / "28-id-minus-one")
     assert log.identity_names == () and (log.sightings.identity == -1).all()

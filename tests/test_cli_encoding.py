@@ -69,6 +69,7 @@ def test_no_color_and_the_module_name() -> None:
     assert b"seed" in done.stdout and b"\x1b[3" not in done.stdout
 
 
+@pytest.mark.slow(but="arguments0")
 @pytest.mark.parametrize("arguments", [("info", "LOG"), ("datasets", "list"), ("run", "LOG", "--no-report")])
 def test_no_color_wins_over_force_color(arguments: tuple[str, ...], tmp_path: Path) -> None:
     log = write_small_log(tmp_path / "log", steps=60)

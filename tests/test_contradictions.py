@@ -46,6 +46,7 @@ def one_name_for_two(log: Log, seed: int) -> tuple[Log, int]:
     return replace(log, sightings=replace(log.sightings, identity=identity)), name
 
 
+@pytest.mark.slow(but="loop-1-0")
 @pytest.mark.parametrize(
     ("preset", "seed", "filter_seed"), [("loop", 1, 0), ("loop", 16, 16), ("lawn-mower", 8, 8)]
 )
@@ -64,6 +65,7 @@ def test_names_are_not_accused_where_the_robot_drifted(
     assert result.verdict == ()
 
 
+@pytest.mark.slow(but="demo-1")
 @pytest.mark.parametrize(("preset", "seed"), [("demo", 1), ("demo", 2), ("loop", 4), ("loop", 7)])
 def test_one_name_on_two_landmarks_is_told(preset: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where the filter drifts: other names that it doubted are not accused with it."""

@@ -100,6 +100,7 @@ def test_unknown_name_and_log_to_fetch_by_hand(tmp_path: Path) -> None:
         download("utias_3", tmp_path)
 
 
+@pytest.mark.slow
 def test_catalogue_agrees_with_the_real_logs(
     data_dir: Path, mirror: tuple[Path, str], tmp_path: Path
 ) -> None:

@@ -415,7 +415,9 @@ TOKENS = [
 ]
 
 
-@pytest.mark.parametrize("name", sorted(MAKERS))
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name == "bag" else []) for name in sorted(MAKERS)]
+)
 def test_damage_gives_a_log_or_a_one_line_error(tmp_path: Path, name: str) -> None:
     """Cuts, swaps and insertions anywhere in any file never end in another exception."""
     rng = np.random.default_rng(7)

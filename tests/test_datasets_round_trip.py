@@ -122,6 +122,7 @@ def test_a_car_that_says_nothing_of_its_size_is_written_with_that_of_a_run(tmp_p
     assert dict(configure(back)) == dict(configure(log)) and "sensor_left_m" in back.config["motion"]
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(log=logs())
 def test_written_log_reads_back_bit_for_bit(log: Log) -> None:

@@ -188,6 +188,7 @@ def polar(range_m: Floats, bearing_rad: Floats) -> tuple[Floats, Floats]:
     return range_m * np.cos(bearing_rad), range_m * np.sin(bearing_rad)
 
 
+@pytest.mark.slow
 def test_victoria_park_from_raw_scans(data_dir: Path) -> None:
     log = detect(load(data_dir / "victoria_park" / "ascii_2003"))
     found = evaluate(fastslam.run(log, {"seed": 1}), log)

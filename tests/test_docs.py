@@ -39,6 +39,10 @@ LEAST_BLOCKS = {
     "docs/python.md": 9,
     "docs/own-sensor.md": 5,
 }
+SLOW_PAGES = {
+    *("docs/maps.md", "docs/rejuvenation.md", "docs/scans.md", "docs/localisation.md", "docs/python.md"),
+    *("docs/howto/orchard.md", "docs/howto/cone-car.md", "docs/range-only.md", "docs/bearing-only.md"),
+}
 # Commands that set up or change the checkout; that their targets exist is checked below.
 MAKE_TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -64,7 +68,13 @@ def run_commands(block: Block, where: str) -> None:
         assert shown, f"{where}: {command.line} printed\n{outcome.stdout}"
 
 
-@pytest.mark.parametrize("page", WITH_BLOCKS, ids=name_of)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.slow] if name_of(page) in SLOW_PAGES else [], id=name_of(page))
+        for page in WITH_BLOCKS
+    ],
+)
 def test_code_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The blocks of a page run in order in one folder, those of Python in one namespace."""
     monkeypatch.chdir(tmp_path)
@@ -87,7 +97,7 @@ def test_code_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_the_pages_that_must_have_examples_have_some() -> None:
-    assert set(LEAST_BLOCKS) <= set(map(name_of, WITH_BLOCKS))
+    assert set(LEAST_BLOCKS) | SLOW_PAGES <= set(map(name_of, WITH_BLOCKS))
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)

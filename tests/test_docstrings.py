@@ -18,6 +18,7 @@ MODULES = sorted(
 WITH_EXAMPLES = {"fastslam.config", "fastslam.filter", "fastslam.runner", "fastslam.simulation"}
 
 
+@pytest.mark.slow
 def test_examples_in_docstrings_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     attempted = {}

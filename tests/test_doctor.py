@@ -63,6 +63,7 @@ def test_a_sound_log_is_told_to_be_sound(sound: Log) -> None:
     assert odds == sorted(odds, reverse=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("preset", "seed"), [(None, 4), (None, 5), ("demo", 1), ("orchard", 1), ("orchard", 2)]
 )

@@ -11,6 +11,7 @@ import pytest
 PERIODS_S = (5.0, 0.4, 0.12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["fastslam2", "ekf"])
 @pytest.mark.parametrize("case", ["92-exact-rows-increments", "93-exact-rows-velocity"])
 def test_the_noise_is_right_however_rows_are_cut(cases: Path, case: str, algorithm: str) -> None:

@@ -267,6 +267,7 @@ def test_odd_numbers_raise_nothing(model: str, size: float) -> None:
         assert all(finding.line for finding in examine(odd))
 
 
+@pytest.mark.slow
 def test_a_large_log_takes_seconds() -> None:
     rng = np.random.default_rng(1)
     count = 300_000

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from doc_pages import ROOT
 
 SCRIPT = ROOT / "experiments" / "accuracy" / "run.py"
@@ -18,6 +19,7 @@ def run_script(*arguments: str, data: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
 
 
+@pytest.mark.slow
 def test_accuracy_table(data_dir: Path) -> None:
     done = run_script("--seeds", "1", "--only", "UTIAS 2 robot 1", data=data_dir)
     assert done.returncode == 0, done.stderr

@@ -30,6 +30,7 @@ SEEN = {
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs fork and process timers")
 
 
+@pytest.mark.slow(but="configs")
 @pytest.mark.parametrize("kind", KINDS)
 def test_short_pass(kind: str) -> None:
     outcome = watch(KINDS[kind], kind, seed=0, enough=lambda done: done.told["mutated"] >= SHORT[kind])
@@ -107,6 +108,7 @@ def test_a_case_that_waits_for_ever_is_ended(monkeypatch: pytest.MonkeyPatch) ->
     assert [(fault.number, fault.title) for fault in outcome.faults] == [(0, "waits for ever")]
 
 
+@pytest.mark.slow
 def test_the_program_prints_counts_and_replays(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tests.fuzz"]
     run = [*command, "--count", "300", "--only", "calls", "--out", str(tmp_path)]

@@ -61,6 +61,7 @@ def steps_until(result: RunResult, status: HealthStatus) -> int | None:
     return int(reached[0]) if len(reached) else None
 
 
+@pytest.mark.slow(but="kidnapped-fastslam2-known")
 @pytest.mark.parametrize("association", ["known", "unknown"])
 @pytest.mark.parametrize("algorithm", ["fastslam1", "fastslam2"])
 @pytest.mark.parametrize("fault", FAULTS)
@@ -76,6 +77,7 @@ def test_faults_are_noticed_in_time(fault: str, algorithm: str, association: str
         assert "degraded in" in str(health_warning(result.steps))
 
 
+@pytest.mark.slow(but="cones-fastslam2-unknown")
 @pytest.mark.parametrize("association", ["known", "unknown"])
 @pytest.mark.parametrize("algorithm", ["fastslam1", "fastslam2", "ekf"])
 @pytest.mark.parametrize("preset", ["demo", "loop", "cones"])
@@ -90,6 +92,7 @@ def test_sound_simulations_are_ok(preset: str, algorithm: str, association: str)
     assert health_warning(result.steps) is None
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"no data at {DATA}")
 @pytest.mark.parametrize(
     ("folder", "association"),

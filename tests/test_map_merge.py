@@ -42,6 +42,7 @@ def halves(seed: int) -> tuple[Map, Map]:
     return chart(seen(first, rng), name="a"), chart(apply(inverse(T), seen(second, rng)), name="b")
 
 
+@pytest.mark.slow
 def test_maps_that_overlap_become_one_with_covariances_that_hold() -> None:
     nees, merged_count = [], 0
     for seed in range(6):
@@ -68,6 +69,7 @@ def test_maps_that_overlap_become_one_with_covariances_that_hold() -> None:
     assert 0.8 < np.mean(nees) < 2.4
 
 
+@pytest.mark.slow
 def test_different_places_are_never_joined() -> None:
     with pytest.raises(DataError, match=r"no overlap found: b; no overlap found: c"):
         merge([chart(world(91, 40)), chart(world(92, 40), name="b"), chart(world(93, 40), name="c")])
@@ -80,6 +82,7 @@ def test_different_places_are_never_joined() -> None:
         assert overlap(ours, theirs).status == "none"
 
 
+@pytest.mark.slow
 def test_a_map_between_joins_two_that_have_nothing_in_common() -> None:
     places, rng = world(3, 260), np.random.default_rng(4)
     west, east = places[places[:, 0] < -5.0], places[places[:, 0] > 5.0]

@@ -21,6 +21,7 @@ def warnings(log: Log, *layers: dict[str, object]) -> tuple[str, ...]:
     return fastslam.run(log, merge({"seed": 1, "filter": {"particles": 50}}, *layers)).warnings
 
 
+@pytest.mark.slow(but="fastslam2-unknown")
 @pytest.mark.parametrize("association", ["known", "unknown"])
 @pytest.mark.parametrize("algorithm", ["fastslam1", "fastslam2", "ekf"])
 def test_right_noise_is_not_complained_about(algorithm: str, association: str) -> None:
@@ -83,6 +84,7 @@ def test_odometry_that_is_worse_than_its_noise_is_blamed_on_it() -> None:
     assert raised and not any("lower" in text for text in found), found
 
 
+@pytest.mark.slow(but="0.2")
 @pytest.mark.parametrize("configured", [0.05, 0.2])
 def test_the_suggested_value_is_near_the_true_one(configured: float) -> None:
     found = []

@@ -98,6 +98,7 @@ beyond 1.3, at most at 1.4. From five times the range noise the end is at 1.27 i
 SEEDS = (3, 5, 12)
 
 
+@pytest.mark.slow(but="sensor.range_std_m-2.0")
 @pytest.mark.parametrize("factor", [0.2, 0.5, 2.0, 5.0])
 @pytest.mark.parametrize(
     ("model", "keys", "power"),

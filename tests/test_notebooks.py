@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from doc_pages import ROOT
 
+pytestmark = pytest.mark.slow
+
 NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.py"))
 
 

@@ -115,6 +115,7 @@ def test_where_maps_differ_two_more_seeds_run_and_the_likeliest_that_another_con
     assert [(one.seed, one.log_evidence, one.landmarks) for one in result.tries][2] == (2, 13.0, 30)
 
 
+@pytest.mark.slow
 def test_a_map_that_no_other_run_makes_is_not_believed(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     maps = {seed: (FIELD_M * [1.0 + 0.4 * seed, 1.0 - 0.2 * seed], float(seed)) for seed in range(4)}
     made_up(log, monkeypatch, maps)

@@ -14,6 +14,8 @@ from fastslam.reproduce.rover import arena_log
 from fastslam.reproduce.scaling import revisiting_log
 from fastslam.runner import run
 
+pytestmark = pytest.mark.slow
+
 
 def table(folder: Path, name: str) -> list[dict[str, str]]:
     return list(csv.DictReader((folder / f"{name}.csv").open()))

@@ -194,6 +194,7 @@ def test_the_command_resumes_and_says_what_it_needs(tmp_path: Path) -> None:
     assert not (tmp_path / "out" / CHECKPOINT_FILE).exists()
 
 
+@pytest.mark.slow
 def test_runs_that_are_killed_again_and_again_end_with_the_same_bits_and_tear_no_file() -> None:
     """In a process of its own, which forks: threads of this one would not be copied."""
     arguments = [sys.executable, "-m", "tests.kills", "--count", str(KILLS), "--seed", "5"]

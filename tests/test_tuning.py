@@ -59,6 +59,7 @@ def found(broken: Log) -> Tuning:
     return tune(broken, UNKNOWN)
 
 
+@pytest.mark.slow
 def test_gains_and_a_delay_are_found_without_identities(sound: Log, broken: Log, found: Tuning) -> None:
     value = {one.key: one for one in found.values}
     turn, distance = value["motion.correction.turn_gain"], value["motion.correction.distance_gain"]
@@ -74,6 +75,7 @@ def test_gains_and_a_delay_are_found_without_identities(sound: Log, broken: Log,
     assert np.array_equal(again.landmarks.mean_m, found.result.landmarks.mean_m)
 
 
+@pytest.mark.slow
 def test_a_sound_log_with_its_noise_told_is_left_alone_or_gains(sound: Log) -> None:
     found = tune(sound, UNKNOWN)
     assert found.evidence_gain >= 0.0
@@ -106,6 +108,7 @@ def test_one_further_away_is_the_odometrys_and_one_that_is_not_sure_nobodys(
     assert blamed(values, known, np.ones(len(known))) == values
 
 
+@pytest.mark.slow
 def test_ranges_that_are_long_are_put_right() -> None:
     log = drive(seconds=50.0)
     found = tune(

@@ -111,10 +111,9 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-#[test]
-fn a_step_in_the_steady_state_allocates_nothing() {
-    let cases = cases();
-    for &case in &cases {
+/// Requests are counted by thread, so that several tests may run at a time.
+fn allocate_nothing(cases: impl Iterator<Item = Case>) {
+    for case in cases {
         let (requests, resampled) = run(case);
         let steps = requests.len();
         assert_eq!(steps as u32, 30 * LAP);
@@ -131,5 +130,23 @@ fn a_step_in_the_steady_state_allocates_nothing() {
         println!("{case:?}: {asking} of {steps} steps asked for memory");
         assert!(asking <= 6 + 14, "{case:?}: {asking} of {steps} steps asked for memory");
     }
-    assert_eq!(cases.len(), 26);
+}
+
+/// One case in six: both algorithms, with identities and without.
+fn in_six(case: usize) -> bool {
+    case % 6 == 1
+}
+
+#[test]
+fn a_step_in_the_steady_state_allocates_nothing() {
+    let few: Vec<Case> = cases().into_iter().enumerate().filter(|(k, _)| in_six(*k)).map(|(_, case)| case).collect();
+    assert_eq!(few.len(), 5);
+    allocate_nothing(few.into_iter());
+}
+
+#[test]
+#[ignore = "slow: make test-all runs it"]
+fn a_step_in_the_steady_state_allocates_nothing_in_all_other_cases() {
+    assert_eq!(cases().len(), 26);
+    allocate_nothing(cases().into_iter().enumerate().filter(|(k, _)| !in_six(*k)).map(|(_, case)| case));
 }

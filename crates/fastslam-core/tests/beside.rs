@@ -37,6 +37,7 @@ fn worlds() -> Vec<(&'static str, LogData, Config)> {
 }
 
 #[test]
+#[ignore = "slow: make test-all runs it"]
 fn map_and_smoothed_path_are_to_the_bit_those_of_drawing_in_place() {
     let (mut cases, mut held_back, mut told) = (0, 0, 0);
     for (name, log, mut config) in worlds() {

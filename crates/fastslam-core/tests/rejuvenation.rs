@@ -95,6 +95,7 @@ fn median(values: &mut [f64]) -> f64 {
 }
 
 #[test]
+#[ignore = "slow: make test-all runs it"]
 fn a_long_loop_stays_consistent_where_the_plain_filter_does_not() {
     let quarters = |every_steps: u32| -> Vec<f64> {
         let mut by_quarter = vec![Vec::new(); 4];
@@ -143,6 +144,7 @@ fn the_map_gets_better_also_without_identities() {
 }
 
 #[test]
+#[ignore = "slow: make test-all runs it"]
 fn a_loop_that_the_associations_missed_is_closed() {
     // Swept in lanes, then across: the way back to the first lanes is long. Told twice the variance of the motion, the
     // plain filter maps all a second time.

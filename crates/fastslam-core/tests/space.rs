@@ -148,37 +148,45 @@ fn band(degrees: f64) -> (f64, f64) {
     (bound(-3.3), bound(3.3))
 }
 
+fn as_sure_as_they_should_be(model: SpaceSensorModel) {
+    let seeds = 40;
+    let world = World::new(model);
+    let (mut pose, mut landmark, mut innovations, mut numbers) = (0.0, 0.0, 0.0, 0.0);
+    for seed in 0..seeds {
+        let simulated = world.simulate(100 + seed);
+        let run = world.run(&simulated);
+        let live = run.live.last().unwrap();
+        let off = apart(live.mean, *simulated.poses.last().unwrap());
+        let factor = Cholesky::of(&live.covariance).unwrap();
+        pose += factor.whitened(&off).iter().map(|v| v * v).sum::<f64>();
+        // One landmark a seed: those of one run err together.
+        let one = &run.smoothed.landmarks[seed as usize % run.smoothed.landmarks.len()];
+        let truth = world.landmarks[one.identity as usize];
+        let off: [f64; 3] = std::array::from_fn(|i| one.place.mean[i] - truth[i]);
+        let factor = Cholesky::of(&one.place.covariance).unwrap();
+        landmark += factor.whitened(&off).iter().map(|v| v * v).sum::<f64>();
+        innovations += run.steps.iter().map(|step| step.mahalanobis_squared).sum::<f64>();
+        numbers += run.steps.iter().map(|step| f64::from(step.degrees_of_freedom)).sum::<f64>();
+    }
+    let count = seeds as f64;
+    let ((low, high), (least, most)) = (band(6.0 * count), band(3.0 * count));
+    println!("{model:?}: pose {pose} in {low}..{high}, landmark {landmark} in {least}..{most}");
+    assert!(low < pose && pose < high, "{model:?}: pose {pose}, expected {low} to {high}");
+    assert!(least < landmark && landmark < most, "{model:?}: landmark {landmark}, expected {least} to {most}");
+    // Between draws a particle's map is surer than it should be: its poses are samples.
+    let ratio = innovations / numbers;
+    assert!((0.9..1.15).contains(&ratio), "{model:?}: {ratio} of what the noise explains");
+}
+
 #[test]
 fn poses_and_landmarks_are_as_sure_as_they_should_be() {
-    let seeds = 40;
-    for model in [SpaceSensorModel::Point, SpaceSensorModel::RangeBearingElevation] {
-        let world = World::new(model);
-        let (mut pose, mut landmark, mut innovations, mut numbers) = (0.0, 0.0, 0.0, 0.0);
-        for seed in 0..seeds {
-            let simulated = world.simulate(100 + seed);
-            let run = world.run(&simulated);
-            let live = run.live.last().unwrap();
-            let off = apart(live.mean, *simulated.poses.last().unwrap());
-            let factor = Cholesky::of(&live.covariance).unwrap();
-            pose += factor.whitened(&off).iter().map(|v| v * v).sum::<f64>();
-            // One landmark a seed: those of one run err together.
-            let one = &run.smoothed.landmarks[seed as usize % run.smoothed.landmarks.len()];
-            let truth = world.landmarks[one.identity as usize];
-            let off: [f64; 3] = std::array::from_fn(|i| one.place.mean[i] - truth[i]);
-            let factor = Cholesky::of(&one.place.covariance).unwrap();
-            landmark += factor.whitened(&off).iter().map(|v| v * v).sum::<f64>();
-            innovations += run.steps.iter().map(|step| step.mahalanobis_squared).sum::<f64>();
-            numbers += run.steps.iter().map(|step| f64::from(step.degrees_of_freedom)).sum::<f64>();
-        }
-        let count = seeds as f64;
-        let ((low, high), (least, most)) = (band(6.0 * count), band(3.0 * count));
-        println!("{model:?}: pose {pose} in {low}..{high}, landmark {landmark} in {least}..{most}");
-        assert!(low < pose && pose < high, "{model:?}: pose {pose}, expected {low} to {high}");
-        assert!(least < landmark && landmark < most, "{model:?}: landmark {landmark}, expected {least} to {most}");
-        // Between draws a particle's map is surer than it should be: its poses are samples.
-        let ratio = innovations / numbers;
-        assert!((0.9..1.15).contains(&ratio), "{model:?}: {ratio} of what the noise explains");
-    }
+    as_sure_as_they_should_be(SpaceSensorModel::Point);
+}
+
+#[test]
+#[ignore = "slow: make test-all runs it"]
+fn poses_and_landmarks_are_as_sure_as_they_should_be_by_range_and_angles() {
+    as_sure_as_they_should_be(SpaceSensorModel::RangeBearingElevation);
 }
 
 #[test]
@@ -210,6 +218,7 @@ fn bits(run: &SpaceRun) -> Vec<u64> {
 }
 
 #[test]
+#[ignore = "slow: make test-all runs it"]
 fn any_number_of_threads_gives_the_same_bits() {
     let mut world = World::new(SpaceSensorModel::Stereo);
     world.steps = 25;
