@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fastslam import Anywhere, FastSlam, Map, Start, run
+from fastslam import Anywhere, FastSlam, Map, Robot, Start, run
 from fastslam.checkpoint import CHECKPOINT_FILE, Checkpoints
 from fastslam.errors import ConfigError, DataError
 from fastslam.log import Log
@@ -131,6 +131,35 @@ def test_what_cannot_be_a_start_or_a_map_is_refused() -> None:
         FastSlam(start=[1.0, 2.0])
     with pytest.raises(ConfigError, match=r"fastslam.localize"):
         FastSlam(start=Anywhere())
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "why"),
+    [
+        ((0, 1), 0.02, r"not symmetric, \[0\]\[1\] is 0.02 and \[1\]\[0\] is 0.01"),
+        ((2, 2), -0.01, r"not positive, a variance is -0.01"),
+        ((0, 0), 0.0001, r"not positive, its smallest eigenvalue is -"),
+        ((1, 1), np.nan, r"not all of it is finite"),
+    ],
+)
+def test_a_covariance_that_is_none_says_why(at: tuple[int, int], value: float, why: str) -> None:
+    covariance = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.01]])
+    covariance[at] = value
+    with pytest.raises(DataError, match=rf"^start\.covariance: got \[\[.*expected a covariance: .*{why}"):
+        FastSlam(start=Start(covariance=covariance))
+    with pytest.raises(DataError, match=rf"^covariance: .*{why}"):
+        Robot().odometry(0.0, [1.0, 0.0], covariance=covariance)
+
+
+def test_rounding_is_no_asymmetry() -> None:
+    covariance = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 0.01]])
+    exact = FastSlam(start=Start(covariance=covariance)).pose
+    covariance[1, 0] *= 1.0 + 1e-10
+    rounded = FastSlam(start=Start(covariance=covariance)).pose
+    np.testing.assert_array_equal(rounded[1], exact[1])
+    covariance[1, 0] *= 1.0 + 1e-7
+    with pytest.raises(DataError, match="not symmetric"):
+        FastSlam(start=Start(covariance=covariance))
 
 
 @pytest.mark.parametrize("mode", ["known", "unknown"])

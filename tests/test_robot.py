@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fastslam import Robot, run
+from fastslam import FastSlam, Robot, Start, run
 from fastslam.errors import ConfigError, DataError
 from fastslam.health import status_name
 from fastslam.robot import Step, Window
@@ -91,6 +91,22 @@ def test_classes_have_their_names_and_too_many_are_refused() -> None:
     assert robot.landmarks.class_names == ("blue", "yellow")
     classes = robot.landmarks.class_index
     assert classes is not None and sorted(classes.tolist()) == [-1, 1]
+
+
+def test_every_pose_that_is_told_can_be_a_start() -> None:
+    log = make_small_log()
+    robot = Robot({**log.config, **CONFIG}, identities="all")
+    told: list[tuple[np.ndarray, np.ndarray]] = []
+    for row in sorted(events(log)):
+        told += [(step.T_world_robot, step.covariance) for step in tell(robot, log, row)]
+        told.append(robot.pose[1:])
+    result = run(log, CONFIG)
+    assert result.trajectory.covariance is not None
+    told += zip(result.trajectory.T_world_robot, result.trajectory.covariance, strict=True)
+    assert len(told) > 400
+    for mean, covariance in told:
+        np.testing.assert_array_equal(covariance, covariance.T)
+        FastSlam(CONFIG, start=Start(*mean, covariance=covariance))
 
 
 def test_threads_share_a_robot() -> None:

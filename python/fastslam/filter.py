@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from . import _core
 from .config import Config
+from .covariances import symmetric
 from .errors import DataError, NumericalError
 from .health import reason_names, status_name
 from .limits import stamp_fault
@@ -255,7 +256,8 @@ class FastSlam:
     def pose(self) -> tuple[Floats, Floats]:
         """Mean `T_world_robot` (3,) as x, y, heading and its covariance (3, 3), over all particles."""
         with self._lock:
-            return self._filter.pose()
+            mean, covariance = self._filter.pose()
+            return mean, symmetric(covariance)
 
     @property
     def particles(self) -> tuple[Floats, Floats]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ._given import numbers
+from .covariances import pose_covariance
 from .errors import ConfigError, DataError
 from .identity import nobody_knows
 from .log import Floats, Ints
@@ -215,7 +216,7 @@ class Start:
             raise DataError(f"start: got std {self.std}, expected three numbers from 0 (m, m, rad)")
         if self.covariance is None:
             return pose, np.diag(spread**2)
-        return pose, numbers("start", self.covariance)
+        return pose, pose_covariance("start.covariance", self.covariance)
 
 
 @dataclass(frozen=True)

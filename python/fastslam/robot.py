@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from . import _core
 from .config import Config
+from .covariances import symmetric
 from .errors import DataError, NumericalError
 from .filter import checked_control, core_errors, landmark_map, step_info
 from .log import Floats, Log
@@ -315,7 +316,8 @@ class Robot:
         with self._lock, core_errors():
             self._check_found()
             newest = self._stream.newest_pose()
-            return (0.0, *self._stream.computed_pose()) if newest is None else newest
+            stamp_s, mean, covariance = newest or (0.0, *self._stream.computed_pose())
+            return stamp_s, mean, symmetric(covariance)
 
     @property
     def particles(self) -> tuple[Floats, Floats]:
@@ -506,7 +508,7 @@ class Robot:
                 self._step = steps[-1] if steps else self._step
                 return tuple(steps)
             (stamp_s, mean, covariance), fields = answer
-            steps.append(Step(stamp_s, mean, covariance, step_info(fields, self.config)))
+            steps.append(Step(stamp_s, mean, symmetric(covariance), step_info(fields, self.config)))
 
     def _check_found(self) -> None:
         if self._search is not None:

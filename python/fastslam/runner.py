@@ -14,6 +14,7 @@ from . import _core
 from ._yaml import line_of_key
 from .checkpoint import Checkpoints
 from .config import Config, merge
+from .covariances import symmetric
 from .datasets.registry import load
 from .detection import own_settings, with_sightings
 from .errors import ConfigError, DataError, NumericalError
@@ -251,7 +252,9 @@ def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -
         log_name=log.name,
         config=dict(config),
         version=_core.__version__ + debug,
-        trajectory=Trajectory(columns["steps"]["stamp_s"], columns["T_world_robot"], columns["covariance"]),
+        trajectory=Trajectory(
+            columns["steps"]["stamp_s"], columns["T_world_robot"], symmetric(columns["covariance"])
+        ),
         smoothed=Trajectory(columns["smoothed_stamp_s"], columns["smoothed_T_world_robot"]),
         landmarks=landmarks,
         chart=given.chart,

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from . import _core
 from ._given import numbers, shown
 from .config import Config
+from .covariances import pose_covariance
 from .errors import DataError
 from .identity import nobody_knows
 from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, is_definite, stamp_fault
@@ -33,11 +34,8 @@ def checked_stamp(stamp_s: float) -> float:
 
 
 def checked_covariance(covariance: ArrayLike) -> list[list[float]]:
-    """The covariance (3, 3) of a row of odometry. Errors: `DataError` for another shape."""
-    matrix = numbers("covariance", covariance)
-    if matrix.shape != (3, 3):
-        raise DataError(f"covariance: got shape {matrix.shape}, expected (3, 3)")
-    rows: list[list[float]] = matrix.tolist()
+    """The covariance (3, 3) of a row of odometry. Errors: `DataError` that says why it is none."""
+    rows: list[list[float]] = pose_covariance("covariance", covariance).tolist()
     return rows
 
 
