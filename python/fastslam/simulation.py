@@ -112,7 +112,7 @@ def _cone_track(settings: Settings) -> dict[str, Any]:
     clutter = max(scan["clutter_per_scan"], LEAST_CLUTTER_PER_SCAN)
     correct = min(1.0 - settings["classes"]["confusion_probability"], MOST_CERTAIN)
     return {
-        "filter": {"rejuvenation": {"every_steps": 20, "growth": 0.05}},
+        "filter": {"rejuvenation": {"every_steps": 20}},
         "association": {
             "gate_probability": 0.999,
             "classes": {"number": 2, "correct_probability": max(correct, 0.5)},

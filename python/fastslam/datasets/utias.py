@@ -11,8 +11,8 @@ wrong where they wrap.
 The noise was measured on data set 6: odometry error grows like white noise of about 0.011 m/s and 0.035
 rad/s held for a second; ranges spread by 0.08-0.18 m, bearings by 0.01 rad with heavy tails. The settings are
 wider: each robot's range scale is off by up to 3 % and, in data set 6, its motion lags the odometry by about
-0.2 s, so that errors repeat from frame to frame (hence also the likelihood exponent), and a missed
-association does more harm than a landmark twice (hence the narrow gate for new ones).
+0.2 s, so that errors repeat from frame to frame (hence also the likelihood exponent). What
+settings that are no facts are worth is in `docs/adr/0016-settings-that-logs-bring.md`.
 """
 
 from __future__ import annotations
@@ -44,11 +44,10 @@ MAX_RANGE_M = 10.0
 """All ranges lie below 9.6 m."""
 ASSOCIATION: dict[str, Any] = {
     "method": "sampled",
-    "new_landmark_gate_probability": 0.999,
     "new_landmark_density": 0.001,
     "clutter_density": 0.001,
     "detection_probability": 0.3,
-    "merging": {"rule": "nearby", "gate_probability": 0.95, "tolerance_std_m": 0.2},
+    "merging": {"rule": "nearby", "tolerance_std_m": 0.2},
     "existence": {
         "form": "bayes",
         "removal": "when_missed",
@@ -188,7 +187,7 @@ def _config(truth: TruthTrajectory | None, start_s: float) -> dict[str, Any]:
         },
         "filter": {
             "likelihood_exponent": 0.3,
-            "rejuvenation": {"every_steps": 200, "growth": 0.05, "spread": 0.5},
+            "rejuvenation": {"every_steps": 200, "spread": 0.5},
         },
         "association": ASSOCIATION,
     }
