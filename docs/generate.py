@@ -153,7 +153,7 @@ eight of ten do."""
 
 DETECTORS = """\
 Every key of the detectors that find landmarks in laser scans: `fastslam.detection.detect(log, settings)`,
-or `detector_json` in the `scans.npz` of a native log."""
+or `detector_json` in the `scans.npz` of a native log ([bags](howto/orchard.md#from-a-bag))."""
 
 
 def package_readme() -> str:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from cli_runner import fastslam
 from fastslam.datasets import load
+from fastslam.datasets.bag import list_topics
 from fastslam.datasets.bag_messages import planar
 from fastslam.datasets.native_settings import REAR_AXLE
 from fastslam.errors import ConfigError, DataError
@@ -303,6 +304,8 @@ def test_transforms_that_are_named_give_the_truth(tmp_path: Path) -> None:
     drifted = [("/tf", s, moved(s, "odom", "wheels", (0.1 * s, 0.0, 0.0))) for s, _ in rows]
     bag = write(tmp_path / "drive", [*room, *captured, *drifted, *twists(), *detections(mrpt)])
     assert load(bag).truth_trajectory is None, "transforms may be those of odometry"
+    uses = {topic.name: topic.uses for topic in list_topics(bag)}
+    assert (uses["/tf"], uses["/tf_static"]) == (("truth",), ()), "nothing moves in the latter"
     log = load(bag, topics={"truth": "/tf"})
     found = log.truth_trajectory
     assert found is not None and any("truth is base_link in world" in note for note in log.notes)
@@ -418,6 +421,9 @@ def test_scans_keep_their_geometry_also_upside_down(roll: float, tmp_path: Path)
     settings = configure(log)
     assert settings["association"]["mode"] == "unknown"
     assert settings["sensor"]["mounting"]["x_m"] == pytest.approx(0.2)
+    # Eight metres to a surface, and half of the largest trunk.
+    reach = settings["sensor"]["max_range_m"], settings["sensor"]["field_of_view_rad"]
+    assert reach == pytest.approx((9.0, 3.0), abs=1e-5)
     done = fastslam("convert", tmp_path / "drive", tmp_path / "log")
     assert done.exit_code == 0 and "3 scans" in done.stdout
     again = load(tmp_path / "log")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 import yaml
 from fastslam.config import Config, explain, load_config, merge, parse_assignments, schema, sensor_of
+from fastslam.detection import configure_detector
 from fastslam.errors import ConfigError
 from fastslam.limits import OF_SETTINGS
 
@@ -208,3 +210,11 @@ def test_empty_file_is_an_empty_layer(tmp_path: Path) -> None:
 def test_dump_is_plain_yaml() -> None:
     config = Config.resolve()
     assert yaml.safe_load(config.dump()) == dict(config)
+
+
+@pytest.mark.parametrize("key", ["trunks.range_std_m", "detector.trunks.range_std_m", "corners.min_beams"])
+def test_a_setting_of_the_detector_is_called_one(key: str) -> None:
+    with pytest.raises(ConfigError, match=rf"^{re.escape(key)}: is a setting of the detector.*detector_json"):
+        parse_assignments([f"{key}=1"])
+    with pytest.raises(ConfigError, match=r"unknown key; did you mean trunks\.range_std_m"):
+        configure_detector({"trunks": {"range_std": 1}})

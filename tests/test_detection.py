@@ -17,6 +17,7 @@ from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation import evaluate
 from fastslam.log import BeamGeometry, Controls, Floats, Log, Scans
 from fastslam.plots.scan import plot_scan, write_scan_figure, write_scan_page
+from fastslam.runner import configure
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
@@ -242,3 +243,55 @@ def test_the_page_of_scans_holds_them_all(tmp_path: Path) -> None:
     assert [len(rows) for rows in data["pieces"]] == [2, 2, 2, 2]
     assert [name for name, _ in data["verdicts"]] == list(VERDICTS)
     assert "http" not in page
+
+
+def limits_of(log: Log, detector: dict[str, object] | None = None) -> tuple[float, float]:
+    sensor = configure(detect(log, detector))["sensor"]
+    return sensor["max_range_m"], sensor["field_of_view_rad"]
+
+
+def test_scans_say_how_far_and_how_far_aside_landmarks_are_seen() -> None:
+    log = log_of_posts()
+    # Half of the largest diameter, 2 m, lies between the surface and the middle of a trunk.
+    assert limits_of(log) == pytest.approx((76.0, np.pi))
+    assert limits_of(log, {"trunks": {"max_range_m": 10.0, "max_diameter_m": 0.4}})[0] == pytest.approx(10.2)
+    assert limits_of(log, {"kind": "corners"})[0] == pytest.approx(80.0)
+    before = configure(log)["sensor"]
+    assert (before["max_range_m"], before["field_of_view_rad"]) == pytest.approx((76.0, np.pi))
+    own = {**log.config, "sensor": {**log.config["sensor"], "max_range_m": 12.0, "field_of_view_rad": 1.0}}
+    assert limits_of(replace(log, config=own)) == (12.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("first_deg", "beams", "view_deg"),
+    [(-180.0, 720, 360.0), (0.0, 720, 360.0), (-60.0, 241, 120.0), (-30.0, 181, 60.0), (300.0, 241, 120.0)],
+)
+def test_the_field_of_view_is_what_the_beams_fill_on_both_sides(
+    first_deg: float, beams: int, view_deg: float
+) -> None:
+    log = log_of_posts()
+    geometry = replace(GEOMETRY, first_angle_rad=np.radians(first_deg))
+    scans = Scans(0.2 * np.arange(4), np.full((4, beams), np.inf), geometry)
+    assert limits_of(replace(log, scans=scans))[1] == pytest.approx(np.radians(view_deg))
+    # No beam points ahead: nothing can be said of an angle that is centred there.
+    aside = replace(scans, geometry=replace(geometry, first_angle_rad=np.radians(90.0)))
+    if beams < 400:
+        assert limits_of(replace(log, scans=aside))[1] == pytest.approx(2.0 * np.pi)
+
+
+def test_trees_beyond_the_detectors_reach_are_not_gone() -> None:
+    # A third post, 40 m ahead, is in the map; the detector looks 12 m far, so that nobody can miss it.
+    log = log_of_posts()
+    assert log.scans is not None
+    many = Scans(0.2 * np.arange(40), np.repeat(log.scans.ranges_m[:1], 40, axis=0), GEOMETRY)
+    still = Controls(0.2 * np.arange(40), np.zeros((40, 2)))
+    chart = fastslam.Map.at({"a": (8.0, 2.0), "b": (5.0, -3.0), "far": (40.0, 0.0)})
+
+    def gone(detector: dict[str, object]) -> list[str]:
+        standing = replace(log, controls=still, scans=replace(many, detector=detector))
+        result = fastslam.run(standing, map=chart.with_role("fixed"))
+        assert result.changes is not None
+        return list(result.changes.gone)
+
+    assert gone({}) == ["far"]
+    assert gone({"trunks": {"max_range_m": 12.0}}) == []

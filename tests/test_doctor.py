@@ -55,6 +55,14 @@ def test_the_likeliest_reading_is_the_fault(sound: Log, fault: str) -> None:
         assert all(verdict.log_odds < 0.05 * first.log_odds for verdict in cured.suspected)
 
 
+def test_a_lasers_bearings_are_not_asked_for_their_unit(sound: Log) -> None:
+    log = simulate(resolve_simulation({"seed": 7, "max_duration_s": 8.0}, preset="rover"))
+    assert log.scans is not None and len(log.sightings.stamp_s) == 0
+    names = {verdict.name for verdict in diagnose(log).verdicts}
+    assert len(names) >= 10 and "bearings in degrees" not in names
+    assert "bearings in degrees" in {verdict.name for verdict in diagnose(sound).verdicts}
+
+
 def test_a_sound_log_is_told_to_be_sound(sound: Log) -> None:
     found = diagnose(sound)
     assert len(found.verdicts) >= 10 and found.questions > 100

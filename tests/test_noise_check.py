@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import fastslam
 import numpy as np
 import pytest
 from fastslam import FastSlam
 from fastslam.config import merge
 from fastslam.log import Log
+from fastslam.noise import noise_sentences
+from fastslam.runner import configure
 from fastslam.simulation import resolve_simulation, simulate
 
 LOOP = {"seed": 2, "max_duration_s": 240.0, "scan": {"period_s": 0.2}}
@@ -109,3 +114,40 @@ def test_steps_carry_the_warning_once_the_window_is_full_enough() -> None:
     assert infos[20].warnings == ()
     assert any("lower sensor.range_std_m" in warning for warning in infos[-1].warnings)
     assert infos[-1].nis < infos[-1].nis_band[0] < 2.0 < infos[-1].nis_band[1]
+
+
+WARNING: dict[str, Any] = {
+    "what": "range",
+    "keys": ["sensor.range_std_m"],
+    "std_factor": 0.5,
+    "power": 1.0,
+    "nis": 0.5,
+    "nis_band": (1.8, 2.2),
+}
+
+
+def test_sightings_with_covariances_of_their_own_are_not_told_to_set_the_sensors() -> None:
+    log = loop()
+    config = configure(log)
+    (plain,) = noise_sentences([WARNING], config, log.sightings)
+    assert "lower sensor.range_std_m to" in plain
+    covariance = np.tile([0.01, 0.0, 1e-4], (len(log.sightings.stamp_s), 1))
+    own = replace(log.sightings, covariance=covariance)
+    (of_rows,) = noise_sentences([WARNING], config, own)
+    assert "range innovations are 0.5 times as large as the sightings' own covariances say" in of_rows
+    assert "lower the covariances of the rows" in of_rows and "counts for nothing" in of_rows
+    (of_scans,) = noise_sentences([{**WARNING, "std_factor": 2.0}], config, own, detected=True)
+    assert "raise the detector's range_std_m and beam_std_rad;" in of_scans
+    # Where some rows leave it to the settings these are to be set, and odometry has its own keys.
+    covariance[0] = np.nan
+    assert noise_sentences([WARNING], config, replace(own, covariance=covariance)) == (plain,)
+    motion = {**WARNING, "what": "speed", "keys": ["motion.speed_std_m_per_s"]}
+    assert "lower motion.speed_std_m_per_s" in noise_sentences([motion], config, own)[0]
+
+
+def test_a_run_on_covariances_that_are_too_large_says_so() -> None:
+    log = loop()
+    covariance = np.tile([1.0, 0.0, 0.04], (len(log.sightings.stamp_s), 1))
+    found = warnings(replace(log, sightings=replace(log.sightings, covariance=covariance)), {})
+    assert any("the sightings' own covariances" in text for text in found), found
+    assert not any("lower sensor." in text for text in found)

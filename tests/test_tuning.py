@@ -19,7 +19,7 @@ from fastslam.runner import configure, run
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.tuning import Tuning, tune
 from fastslam.tuning.judge import evidence, fault_of, log_new_density
-from fastslam.tuning.learn import SCALE, SENSOR_KNOWN, Value, blamed, wide_noise
+from fastslam.tuning.learn import LASER_SCALE_STD, SCALE, SENSOR_KNOWN, Value, blamed, wide_noise
 from fastslam.tuning.motion import DISTANCE as DISTANCE_GAIN
 from fastslam.tuning.motion import motion_parameters
 from fastslam.tuning.noise import _log_likelihood
@@ -108,6 +108,14 @@ def test_one_further_away_is_the_odometrys_and_one_that_is_not_sure_nobodys(
     assert blamed(values, known, np.ones(len(known))) == values
 
 
+@pytest.mark.parametrize(("ratio", "of_ranges"), [(1.01, False), (0.992, False), (1.002, True)])
+def test_a_lasers_ranges_are_as_long_as_its_clock_is_right(ratio: float, of_ranges: bool) -> None:
+    known = (*motion_parameters({"model": "velocity"}), *SENSOR_KNOWN)
+    found = blamed(gain_of(ratio, 0.0003), known, np.ones(len(known)), scale_std=LASER_SCALE_STD)
+    assert (found[-1].key == SCALE) == of_ranges
+    assert found[0].significant != of_ranges
+
+
 @pytest.mark.slow
 def test_ranges_that_are_long_are_put_right() -> None:
     log = drive(seconds=50.0)
@@ -120,6 +128,8 @@ def test_ranges_that_are_long_are_put_right() -> None:
     assert found.settings["sensor"]["range_scale"] == pytest.approx(scale.value, rel=1e-3)
     assert "distance_gain" not in found.settings["motion"].get("correction", {})
     assert any("does not tell which of the two" in sentence for sentence in sentences_of(found))
+    assert found.alternative["sensor"]["range_scale"] == 1.0
+    assert found.alternative["motion"]["correction"]["distance_gain"] == pytest.approx(scale.value, abs=1e-4)
 
 
 def test_evidence_does_not_pay_for_new_landmarks(sound: Log) -> None:

@@ -97,7 +97,8 @@ def detect(log: Log, config: Layer | None = None) -> Log:
     """The log with the detections in its scans as its sightings; identities are unknown.
 
     `config` is laid over the detector settings of the scans. The sensor's mounting in the log's settings
-    becomes that of the scans. Errors: DataError for a log without scans, ConfigError.
+    becomes that of the scans; its reach and its field of view do, where they are not stated. Errors:
+    DataError for a log without scans, ConfigError.
     """
     if log.scans is None:
         raise DataError("the log holds no laser scans to detect landmarks in", log.source)
@@ -116,31 +117,62 @@ def detect(log: Log, config: Layer | None = None) -> Log:
         signature=detections.signature,
         covariance=detections.covariance,
     )
-    config = _settings_with(log, log.scans)
+    config = _settings_with(log, log.scans, settings)
     return replace(log, sightings=sightings, identity_names=(), class_names=(), config=config)
 
 
 def own_settings(log: Log) -> dict[str, Any]:
     """The settings that a log brings to a run; before landmarks are detected those that it has afterwards.
 
-    Detected landmarks have no names, and the sensor sits where the scanner does.
+    Detected landmarks have no names, the sensor sits where the scanner does, and it reaches as far as the
+    detector looks in its scans.
     """
-    if log.scans is None or len(log.sightings.stamp_s) > 0:
+    if log.scans is None or not detected_in_scans(log):
         return dict(log.config)
-    return _settings_with(log, log.scans)
+    return _settings_with(log, log.scans, log.scans.detector)
+
+
+def detected_in_scans(log: Log) -> bool:
+    """Whether the sightings of a run over a log, as it was read, are what is detected in its scans."""
+    return log.scans is not None and len(log.sightings.stamp_s) == 0
 
 
 def with_sightings(log: Log) -> Log:
     """The log itself, or with detections where it has scans and no sightings."""
-    return detect(log) if log.scans is not None and len(log.sightings.stamp_s) == 0 else log
+    return detect(log) if detected_in_scans(log) else log
 
 
-def _settings_with(log: Log, scans: Scans) -> dict[str, Any]:
+def _settings_with(log: Log, scans: Scans, detector: Layer) -> dict[str, Any]:
     """The log's settings once landmarks are detected in the scans."""
     refuse_several(log.config, "the scans of a laser")
-    sensor = {**log.config.get("sensor", {}), "mounting": _mounting(scans)}
+    sensor = {**_limits(scans, detector), **log.config.get("sensor", {}), "mounting": _mounting(scans)}
     association = {**log.config.get("association", {}), "mode": "unknown"}
     return {**log.config, "sensor": sensor, "association": association}
+
+
+def _limits(scans: Scans, detector: Layer) -> dict[str, float]:
+    """How far, and how far aside, landmarks are detected in scans; what is in view lies within.
+
+    The middle of a thing lies behind its surface, which is what the detector's reach counts to.
+    """
+    settings = configure_detector(detector)
+    own = settings[settings["kind"]]
+    surface_m = min(scans.geometry.max_range_m, own.get("max_range_m", np.inf))
+    limits = {"max_range_m": float(surface_m + 0.5 * own.get("max_diameter_m", 0.0))}
+    view_rad = _view_rad(scans)
+    return limits if view_rad is None else {**limits, "field_of_view_rad": view_rad}
+
+
+def _view_rad(scans: Scans) -> float | None:
+    """The opening angle, centred straight ahead, that the beams fill; None where none points ahead."""
+    geometry, turn = scans.geometry, 2.0 * np.pi
+    step, span = geometry.angle_step_rad, geometry.angle_step_rad * (scans.ranges_m.shape[-1] - 1)
+    if abs(span) + 1.5 * abs(step) >= turn:
+        return turn
+    ends = sorted((geometry.first_angle_rad, geometry.first_angle_rad + span))
+    shift = turn * np.ceil((ends[0] - abs(step)) / turn)
+    right, left = ends[0] - shift, ends[1] - shift
+    return float(min(turn, 2.0 * min(-right, left))) if right < 0.0 < left else None
 
 
 def sensor_twists(log: Log) -> Floats | None:

@@ -3,15 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .log import Sightings
 
 SMALLEST_SAID = 0.1
 """A factor below this is said to be below it: the log hardly tells what is right."""
 
 
-def noise_sentences(warnings: Iterable[Mapping[str, Any]], config: Mapping[str, Any]) -> tuple[str, ...]:
-    """One sentence for each warning of the core, with the values to set in place of those of `config`."""
-    return tuple(_sentence(warning, config) for warning in warnings)
+def noise_sentences(
+    warnings: Iterable[Mapping[str, Any]],
+    config: Mapping[str, Any],
+    sightings: Sightings | None = None,
+    *,
+    detected: bool = False,
+) -> tuple[str, ...]:
+    """One sentence for each warning of the core, with the values to set in place of those of `config`.
+
+    Where all `sightings` have covariances of their own, as those `detected` in scans have, the noise of
+    `sensor` counts for nothing, and the sentence speaks of these covariances.
+    """
+    own = sightings is not None and _all_have_their_own(sightings)
+    return tuple(
+        _of_covariances(warning, detected=detected)
+        if own and _is_of_sensor(warning)
+        else _sentence(warning, config)
+        for warning in warnings
+    )
+
+
+def _all_have_their_own(sightings: Sightings) -> bool:
+    covariance = sightings.covariance
+    return covariance is not None and len(covariance) > 0 and bool(np.isfinite(covariance).all())
+
+
+def _is_of_sensor(warning: Mapping[str, Any]) -> bool:
+    return warning["what"] is not None and bool(warning["keys"][0].startswith("sensor."))
+
+
+def _of_covariances(warning: Mapping[str, Any], *, detected: bool) -> str:
+    """What is wrong with the covariances that sightings bring, and who makes them."""
+    factor: float = warning["std_factor"]
+    low, high = warning["nis_band"]
+    said = (
+        f"{warning['what']} innovations are {_times(factor)} as large as the sightings' own covariances say"
+    )
+    direction = "raise" if factor > 1.0 else "lower"
+    unless = ", unless the errors of successive scans repeat" if factor < 1.0 else ""
+    who = "the detector's range_std_m and beam_std_rad" if detected else "the covariances of the rows"
+    idle = " and ".join(warning["keys"])
+    return (
+        f"{said} (NIS {warning['nis']:.2f}, band {low:.2f}-{high:.2f}): {direction} {who}{unless}; "
+        f"what {idle} says counts for nothing here"
+    )
 
 
 def _sentence(warning: Mapping[str, Any], config: Mapping[str, Any]) -> str:

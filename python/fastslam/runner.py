@@ -268,7 +268,7 @@ def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -
         counts=columns["skipped"]
         | {"landmark_covariances_repaired": columns["covariances_repaired"]}
         | {"sightings_named_twice_in_a_scan": named_twice(log.sightings)},
-        warnings=noise_sentences(columns["warnings"], config),
+        warnings=noise_sentences(columns["warnings"], config, log.sightings, detected=log.scans is not None),
         noise=columns["noise"],
     )
     return replace(result, verdict=verdict(result, log, columns["two_places"]))

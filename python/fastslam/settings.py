@@ -25,6 +25,8 @@ RENAMED = {
     "health.window_steps": "health.window_scans",
 }
 """Keys of earlier versions and what they are called now, with the same values."""
+OF_DETECTORS = ("detector", "trunks", "reflectors", "corners")
+"""Sections that are no settings of a run: those of the detector at work in scans."""
 
 
 class Settings(Mapping[str, Any]):
@@ -186,6 +188,11 @@ class Schema:
             return
         if RENAMED.get(key) in self.descriptions:
             raise ConfigError(f"{where}{key}: is called {RENAMED[key]} now, for it counts scans")
+        if parts[0] in OF_DETECTORS and "trunks" not in self.descriptions:
+            raise ConfigError(
+                f"{where}{key}: is a setting of the detector, not of a run: `fastslam detect --set` tries "
+                "it, detector_json in scans.npz keeps it (docs/howto/orchard.md says how, also for bags)"
+            )
         nearest = suggestion(key, self.descriptions)
         hint = f"did you mean {nearest}?" if nearest else f"see `{self._explained_by}`"
         raise ConfigError(f"{where}{key}: unknown key; {hint}")

@@ -98,19 +98,26 @@ def sentences_of(found: Tuning) -> list[str]:
         sentences.append(
             f"this log does not tell {', '.join(hidden)}: drive curves, see landmarks from all sides"
         )
-    from ..tuning.learn import SCALE
-
-    scale = next((value for value in found.values if value.key == SCALE and value.significant), None)
-    if scale is not None:
-        ratio = scale.value / scale.stated
-        sentences.append(
-            f"ranges are {ratio:.3f} times as long as the odometry says. The log does not tell which of the "
-            "two is off; so near to 1 it is taken for the ranges. If these are right, leave "
-            f"sensor.range_scale and make motion.correction.distance_gain {ratio:.4g} times as large"
-        )
+    if found.alternative:
+        sentences.append(_undecided(found))
     if not found.settings:
         sentences.append("the settings stated explain the log best: nothing is changed")
     return sentences
+
+
+def _undecided(found: Tuning) -> str:
+    """Which of ranges and odometry is set, and what to set if it is the other one."""
+    from ..tuning.learn import SCALE
+
+    ranges = any(value.key == SCALE and value.significant for value in found.values)
+    taken, right = ("ranges", "odometry is off") if ranges else ("odometry", "ranges are off")
+    scale = found.alternative["sensor"]["range_scale"]
+    gain = found.alternative["motion"]["correction"]["distance_gain"]
+    return (
+        f"ranges are {found.ratio:.4g} times as long as the odometry says. The log does not tell which of "
+        f"the two is off; it is taken for the {taken}. If the {right}, set sensor.range_scale={scale:.4g} "
+        f"and motion.correction.distance_gain={gain:.4g} instead"
+    )
 
 
 def facts_of(found: Tuning) -> dict[str, Any]:
@@ -130,6 +137,7 @@ def facts_of(found: Tuning) -> dict[str, Any]:
     attempts = [{"name": a.name, "evidence": a.evidence, "fault": a.fault} for a in found.attempts]
     return {
         "settings": found.settings,
+        "alternative": found.alternative,
         "values": values,
         "evidence_gain": found.evidence_gain,
         "judged_sightings": found.judged,

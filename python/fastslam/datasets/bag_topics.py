@@ -20,6 +20,8 @@ TRUTH_WORDS = ("ground_truth", "groundtruth", "ground-truth", "truth", "mocap", 
 LOOKED_AT = 50
 """So many messages of a topic are looked at to say what it holds."""
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+STATIC = "tf_static"
+"""Topics of transforms that are called so hold nothing that moves."""
 SCAN = "sensor_msgs/msg/LaserScan"
 
 
@@ -173,6 +175,8 @@ def _use_of(
     reader: AnyReader, name: str, kind: str, constants: Mapping[str, Mapping[int, str]]
 ) -> tuple[tuple[str, ...], str]:
     if kind in TRANSFORMS:
+        if name.endswith(STATIC):
+            return (), "static transforms: they give the mounting"
         return ("truth",), "transforms: static ones give the mounting, moving ones may be named as the truth"
     if kind.endswith("/Path"):
         # A plan or what another program estimated; its poses are no landmarks.

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..detection import detected_in_scans
 from ..examination import examine
 from ..examination.evidence import READINGS
 from ..examination.finding import Finding
@@ -91,7 +92,11 @@ def diagnose(log: Log, config: Layer | None = None) -> Diagnosis:
     as_is = nats_by_part(bench, AS_IS)
     ackermann = subject.config["motion"]["model"] == "ackermann"
     verdicts = []
+    measured = "bearing-unit" if detected_in_scans(log) else ""
     for kind, name, reading in _tried(bench):
+        if kind == measured:
+            # A laser's bearings come from the geometry of its beams.
+            continue
         gains = nats_by_part(bench, reading) - as_is
         remedy = _remedy(kind, reading, subject.config, ackermann=ackermann)
         verdicts.append(Verdict(name, float(gains.sum()), remedy, _agreement(gains)))

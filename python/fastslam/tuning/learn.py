@@ -39,7 +39,9 @@ SENSOR_KNOWN = (
 )
 """In the order of the batch. The scale of ranges and the gain of the distance are one thing: see `blamed`."""
 SCALE_STD = 0.02
-"""How far ranges are off in proportion, where they are: a tape, a laser or a marker's size, not a wheel."""
+"""How far ranges are off in proportion, where they are: a tape, a camera or a marker's size, not a wheel."""
+LASER_SCALE_STD = 0.001
+"""The same of a laser, whose ranges are as long as its clock is right."""
 MOST_SIGHTINGS = 12_000
 WINDOWS = 6
 LEAST_SIGHTINGS = 200
@@ -186,23 +188,28 @@ def learn(
     _, problem, noise = _settled(log, now, stretch, problem, noise)
     again = {value.key: value for value in _judged(log, known, before, (problem, noise))}
     values = blamed(
-        tuple(value if value.key in held else again[value.key] for value in values), known, before
+        tuple(value if value.key in held else again[value.key] for value in values),
+        known,
+        before,
+        scale_std=SCALE_STD if log.scans is None else LASER_SCALE_STD,
     )
     return _learned(stated, parts, noise, values, (stretch, linearised(problem, noise)))
 
 
-def blamed(values: tuple[Value, ...], known: tuple[Known, ...], before: Floats) -> tuple[Value, ...]:
+def blamed(
+    values: tuple[Value, ...], known: tuple[Known, ...], before: Floats, *, scale_std: float = SCALE_STD
+) -> tuple[Value, ...]:
     """The values with the scale of the ranges in place of the gain of the distance where that is likelier.
 
-    A log tells only the ratio of the two. Either is right and the other off, by SCALE_STD for the ranges and
-    by its prior for the distance: a ratio near 1 is the ranges', one further away the odometry's.
+    A log tells only the ratio of the two. Either is right and the other off, by `scale_std` for the ranges
+    and by its prior for the distance: a ratio near 1 is the ranges', one further away the odometry's.
     """
     keys = [one.key for one in known]
     gain = next((value for value in values if value.key == DISTANCE), None)
     if gain is None or not gain.significant:
         return values
     ratio, prior_std = gain.value / gain.stated, known[keys.index(DISTANCE)].prior_std
-    nats = [-0.5 * ((ratio - 1) / std) ** 2 - np.log(std) for std in (SCALE_STD, prior_std)]
+    nats = [-0.5 * ((ratio - 1) / std) ** 2 - np.log(std) for std in (scale_std, prior_std)]
     if nats[0] < nats[1]:
         return values
     scale = float(before[keys.index(SCALE)])

@@ -20,6 +20,7 @@ from .begin import Beginning, Tried, beginning
 from .judge import evidence, fault_of
 from .learn import (
     LEAST_PER_TRACK,
+    SCALE,
     Learned,
     Stretch,
     Value,
@@ -32,7 +33,7 @@ from .learn import (
     usable_sightings,
     wide_noise,
 )
-from .motion import nested, noise_parts, value_of
+from .motion import DISTANCE, nested, noise_parts, value_of
 from .problem import Noise, Problem
 from .tracks import Scene, of_map, scene, short_tracks
 
@@ -80,6 +81,28 @@ class Tuning:
     def result(self) -> RunResult:
         """The run with the settings found."""
         return self.best.result
+
+    @property
+    def ratio(self) -> float:
+        """So many times as long as the odometry says the ranges are; 1 where the log shows no difference."""
+        found = {value.key: value for value in self.values if value.significant}
+        told = found.get(SCALE, found.get(DISTANCE))
+        return 1.0 if told is None else told.value / told.stated
+
+    @property
+    def alternative(self) -> dict[str, Any]:
+        """What to lay over `settings` where the other of ranges and odometry is off; empty where none is.
+
+        A log tells the ratio of the two alone: where one of them is set, it may be the other one.
+        """
+        if self.ratio == 1.0:
+            return {}
+        stated = {value.key: value.stated for value in self.values}
+        scale = stated.get(SCALE, value_of(self.result.config, SCALE))
+        gain = stated[DISTANCE]
+        if SCALE in stated:
+            return merge(nested(SCALE, scale), nested(DISTANCE, round(gain * self.ratio, 4)))
+        return merge(nested(SCALE, round(scale * self.ratio, 4)), nested(DISTANCE, gain))
 
 
 def tune(log: Log, config: Layer | None = None, *, progress: Progress | None = None) -> Tuning:
