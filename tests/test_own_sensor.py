@@ -121,6 +121,70 @@ def test_a_sensor_of_two_numbers() -> None:
     assert max(off_m) < 0.5
 
 
+class Radio:
+    """-log10 of received power, which grows with the distance; a ring of its own."""
+
+    measures: Any = ("range_m",)
+    noise: Any = ((0.05**2,),)
+
+    def expected(self, poses: Floats, landmarks: Floats) -> Any:
+        return (4.0 + 2.1 * np.log10(np.linalg.norm(landmarks - poses[:, :2], axis=1)))[:, None]
+
+    def births(self, poses: Floats, measured: Floats) -> Any:
+        r = 10 ** ((measured[:, 0] - 4.0) / 2.1)
+        angle = 2 * np.pi * np.arange(32) / 32
+        out = np.column_stack([np.cos(angle), np.sin(angle)])
+        aside = np.column_stack([-np.sin(angle), np.cos(angle)])
+        across = r * np.log(10) * 0.05 / 2.1
+        covariance = (across**2)[:, None, None, None] * np.einsum("ki,kj->kij", out, out)
+        covariance += (r * across)[:, None, None, None] * np.einsum("ki,kj->kij", aside, aside)
+        return np.full((len(r), 32), 1 / 32), poses[:, None, :2] + r[:, None, None] * out, covariance
+
+
+def test_what_a_run_would_skip_is_refused() -> None:
+    assert check(Radio()) == 300
+    power = class_of(
+        expected=lambda self, p, q: -Radio.expected(Radio(), p, q),
+        births=lambda self, p, z: Radio.births(Radio(), p, -z),
+    )
+    with pytest.raises(
+        ModelError, match=r"Mine\.expected: row 0 is -.* in the column range_m, of which a run skips"
+    ):
+        check(power)
+    with pytest.raises(ModelError, match=r"above sensor\.max_range_m = 100: .*or check where it sees"):
+        check(Beacons(), range_m=(50.0, 150.0))
+
+
+def test_two_arrays_say_what_they_need() -> None:
+    with pytest.raises(DataError, match=r'got 2 arrays, .*ranges alone: config=.*"model": "range"'):
+        Log.from_arrays(([0.0, 1.0], [[1.0, 0.0], [1.0, 0.0]]), ([0.5], [4.0]))
+
+
+def test_nothing_but_skipped_sightings_is_said_live() -> None:
+    robot, live = FastSlam(FEW, sensor=Beacons()), Robot(FEW, sensor=Beacons())
+    longest_s = robot.config["health"]["longest_blindness_s"]
+    said: dict[str, list[tuple[float, tuple[str, ...]]]] = {"filter": [], "robot": []}
+    for k in range(40):
+        # Used up to 5 s, then too far, and one without a name.
+        seen: Any = {
+            "range_m": [9.0 if k <= 5 else 900.0, 8.0],
+            "identity": ["mast", "mast" if k <= 5 else None],
+        }
+        said["filter"].append((k, robot.update(float(k), **seen).warnings))
+        robot.predict([0.0, 0.0], dt_s=1.0)
+        for step in live.odometry(float(k), [0.0, 0.0]) + live.sightings(float(k), **seen):
+            said["robot"].append((step.stamp_s, step.info.warnings))
+        if k == 20:
+            robot, live = copy.deepcopy(robot), pickle.loads(pickle.dumps(live))
+    for who, steps in said.items():
+        words = dict(steps)
+        assert len(words) > 30, who
+        assert all((len(words[k]) == 1) == (k - 5 > longest_s) for k in words), who
+        assert words[30.0][0].startswith("no sighting was used for 25 s, and 50 were skipped: "), who
+        assert "above sensor.max_range_m = 100" in words[30.0][0], who
+    assert robot.update(40.0, range_m=[9.0], identity=["mast"]).warnings == ()
+
+
 class Failing(Beacons):
     """As told, from the call on."""
 
@@ -140,7 +204,7 @@ def raised(_: Floats) -> Any:
 FAULTS: dict[str, tuple[Callable[[Floats], Any], str]] = {
     "shape": (lambda z: z[:, 0], r"Failing\.expected: got shape \(\d+,\), expected \(\d+, 1\)"),
     "text": (lambda z: [["far"]] * len(z), r"Failing\.expected: got what is no array of numbers"),
-    "nan": (lambda z: z * np.nan, r"Failing\.expected: row 0 is not finite"),
+    "nan": (lambda z: z * np.nan, r"Failing\.expected: row 0 \(pose \[.*\], landmark \[.*\]\) is not finite"),
     "raises": (raised, r"Failing\.expected: KeyError: 'no\\nsuch beacon'"),
     "none": (lambda z: None, r"Failing\.expected: got"),
 }
@@ -236,6 +300,15 @@ WRONG: dict[str, tuple[Any, str]] = {
         class_of(expected=lambda self, p, q: p.__isub__(1.0)[:, :1]),
         r"Mine\.expected: ValueError: .*read-only",
     ),
+    "an innovation with the wrong sign": (
+        class_of(innovation=lambda self, z, e: e - z),
+        r"Mine\.innovation: of a measurement 0\.0002 more than expected in number 0 is -0\.0002: expected",
+    ),
+    "a class": (Beacons, r"Beacons: got the class, expected an instance of it"),
+    "nothing for some": (
+        class_of(expected=lambda self, p, q: np.where(p[:, :1] > 0.0, np.nan, 5.0)),
+        r"Mine\.expected: row \d+ \(pose \[.*\], landmark \[.*\]\) is not finite",
+    ),
     "an innovation that is not wrapped": (
         type("Mine", (Posts,), {"innovation": lambda self, z, e: z - e})(),
         r"Mine\.innovation: a turn of 2π changes row",
@@ -261,6 +334,69 @@ def test_the_suite_names_what_is_wrong(name: str) -> None:
     with pytest.raises(ModelError, match=message) as caught:
         check(sensor)
     assert "\n" not in str(caught.value)
+
+
+AT_ONCE: dict[str, tuple[Any, str]] = {
+    "class": (Radio, r"Radio: got the class"),
+    "shape": (Failing(lambda z: z[:, 0]), r"Failing\.expected: got shape \(16,\), expected \(16, 1\)"),
+    "sign": (class_of(innovation=lambda self, z, e: e - z), r"Mine\.innovation: of a measurement"),
+    "no births": (
+        class_of(expected=Radio.expected),
+        r"Mine\.births: is missing, and the ring of a range does not do",
+    ),
+    "shares": (
+        type(
+            "Mine",
+            (Radio,),
+            {"births": lambda self, p, z: (2.0 * Radio.births(self, p, z)[0], *Radio.births(self, p, z)[1:])},
+        )(),
+        r"Mine\.births: the shares of row 0 sum to 2",
+    ),
+    "births in the robot's frame": (
+        type("Mine", (Radio,), {"births": lambda self, p, z: Radio.births(self, 0.0 * p, z)})(),
+        r"Mine\.births: the landmark of row \d+ is .* expected means in the world",
+    ),
+    "derivatives with the wrong sign": (
+        type("Mine", (Exact,), {"jacobian": lambda self, p, q: [-d for d in Exact.jacobian(self, p, q)]})(),
+        r"Mine\.jacobian: by the landmark in row \d+: got \[\[.*\]\], differences give",
+    ),
+    "derivatives in the robot's frame": (
+        type(
+            "Mine",
+            (Exact,),
+            {"jacobian": lambda self, p, q: Exact.jacobian(self, 0.0 * p, 0.5 * q + 20.0)},
+        )(),
+        r"Mine\.jacobian: by the landmark",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", AT_ONCE)
+def test_a_run_begins_with_what_is_cheap(log: Log, name: str) -> None:
+    sensor, message = AT_ONCE[name]
+    for begin in (
+        lambda: fastslam.run(log, FEW, sensor=sensor),
+        lambda: FastSlam(FEW, sensor=sensor),
+        lambda: Robot(FEW, sensor=sensor),
+    ):
+        with pytest.raises(ModelError, match=message) as caught:
+            begin()
+        assert "\n" not in str(caught.value)
+
+
+def test_a_run_refuses_no_sensor_that_is_sound_where_it_sees() -> None:
+    # Numbers of 32 bits; a scale that is learned; nothing seen of what is far; coarse derivatives.
+    far = class_of(expected=lambda self, p, q: np.minimum(Beacons.expected(self, p, q), 25.0))
+    single = type(
+        "Mine", (Radio,), {"births": lambda self, p, z: [np.float32(a) for a in Radio.births(self, p, z)]}
+    )()
+    scaled = class_of(expected=lambda self, p, q: 1.07 * Beacons.expected(self, p, q) + 0.3)
+    coarse = type(
+        "Mine", (Exact,), {"jacobian": lambda s, p, q: [1.1 * d for d in Exact.jacobian(s, p, q)]}
+    )()
+    for sensor in (far, single, scaled, coarse, Radio(), Posts(), Exact(), Beacons()):
+        seen: Any = {"bearing_rad": [0.1]} if len(sensor.measures) == 2 else {}
+        assert FastSlam(FEW, sensor=sensor).update(0.0, range_m=[6.0], identity=["a"], **seen).sightings == 1
 
 
 def test_what_conforms_is_counted() -> None:

@@ -46,6 +46,32 @@ def test_a_native_log_without_bearings_is_written_read_and_mapped(beacons: LogTy
     np.testing.assert_array_equal(again.trajectory.T_world_robot, result.trajectory.T_world_robot)
 
 
+def test_the_variance_of_ranges_alone_is_enough(tmp_path: Path) -> None:
+    settings = "format_version: 1\nmotion: {model: velocity}\nsensor: {model: range, range_std_m: 0.2}\n"
+    (tmp_path / "log.yaml").write_text(settings)
+    rows = "".join(f"{k},1.0,0.1\n" for k in range(10))
+    (tmp_path / "odometry.csv").write_text("stamp_s,speed_m_per_s,yaw_rate_rad_per_s\n" + rows)
+    header = "stamp_s,range_m,landmark_id,range_variance_m2"
+    (tmp_path / "sightings.csv").write_text(f"{header}\n1,5,a,0.5\n2,5,a,\n3,5,a,0.001\n")
+    log = load(tmp_path)
+    assert log.sightings.covariance is not None
+    np.testing.assert_array_equal(log.sightings.covariance[:, 0], [0.5, np.nan, 0.001])
+    # The same numbers with all three columns are the same sightings to a run.
+    wide = f"{header},range_bearing_covariance_m_rad,bearing_variance_rad2"
+    (tmp_path / "sightings.csv").write_text(f"{wide}\n1,5,a,0.5,0,0.01\n2,5,a,,,\n3,5,a,0.001,0,0.01\n")
+    few = {"filter": {"particles": 20}}
+    one, three = run(log, few), run(load(tmp_path), few)
+    np.testing.assert_array_equal(one.landmarks.covariance_m2, three.landmarks.covariance_m2)
+    again = load(write_native(log, tmp_path / "again")).sightings.covariance
+    np.testing.assert_array_equal(again, log.sightings.covariance)
+    for cell in ("-1", "0", "inf"):
+        (tmp_path / "sightings.csv").write_text(f"{header}\n1,5,a,0.5\n2,5,a,{cell}\n")
+        with pytest.raises(
+            DataError, match=r"sightings\.csv:3: range_variance_m2: got .*, expected a positive"
+        ):
+            load(tmp_path)
+
+
 def test_bearings_in_the_file_are_not_used_and_a_missing_model_is_named(tmp_path: Path) -> None:
     settings = "format_version: 1\nmotion: {model: velocity}\nsensor: {model: range, range_std_m: 0.2}\n"
     (tmp_path / "log.yaml").write_text(settings)

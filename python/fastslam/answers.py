@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -11,8 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import ModelError
 from .log import Floats
 
+Given = Sequence[tuple[str, Floats]]
+"""What was asked, array by array with what it holds; of equal lengths."""
 
-def checked(who: str, answer: ArrayLike, shape: tuple[int, ...]) -> Floats:
+
+def checked(who: str, answer: ArrayLike, shape: tuple[int, ...], given: Given = ()) -> Floats:
     """A copy of an answer. Errors: `ModelError` for another shape, or what is no number."""
     try:
         array: NDArray[np.float64] = np.array(answer, dtype=np.float64)
@@ -22,7 +25,9 @@ def checked(who: str, answer: ArrayLike, shape: tuple[int, ...]) -> Floats:
         raise ModelError(f"{who}: got shape {array.shape}, expected {shape_text(shape)}")
     if not np.isfinite(array).all():
         row = int(np.argwhere(~np.isfinite(array))[0][0])
-        raise ModelError(f"{who}: row {row} is not finite, expected numbers for every row")
+        asked = ", ".join(f"{what} {np.round(rows[row], 6).tolist()}" for what, rows in given)
+        of = f" ({asked})" if asked else ""
+        raise ModelError(f"{who}: row {row}{of} is not finite, expected numbers for every row")
     return array
 
 

@@ -85,7 +85,9 @@ def _parts(what: str, given: object, names: tuple[str, ...]) -> list[Any]:
     """The columns of a tuple. Errors: `DataError` where there are more or fewer than these."""
     parts = _listed(what, given)
     if len(parts) != len(names):
-        raise DataError(f"{what}: got {len(parts)} arrays, expected {', '.join(names)}")
+        alone = what == "sightings" and len(parts) == 2
+        hint = ' (ranges alone: config={"sensor": {"model": "range"}})' if alone else ""
+        raise DataError(f"{what}: got {len(parts)} arrays, expected {', '.join(names)}{hint}")
     return parts
 
 

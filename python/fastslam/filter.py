@@ -26,9 +26,11 @@ from .maps import Map, StartLike, core_start, first_free_number
 from .noise import noise_sentences
 from .result import LandmarkMap, StepFields, Trajectory
 from .scan_call import Identity, Scan, checked_scan, column, measured_scan, number
+from .sensor_checks import begun
 from .sensors import Adapter, Sensor, adapted, own_layer
 from .settings import Layer
 from .several import sensor_number
+from .unused import Unused
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ class FastSlam:
     sightings, but for running numbers such as `L7`.
 
     `sensor` is one of your own (`fastslam.sensors.Sensor`): `update` takes the columns that it measures, and
-    what it answers wrong, or fails at, is a `ModelError` that changes nothing.
+    what it answers wrong, or fails at, is a `ModelError`: at once for what is wrong at most poses, later one
+    that changes nothing.
 
     A call that raises `DataError` changes nothing. A `NumericalError` says that no particle can explain a
     scan, or that it would leave numbers that are none: the filter is as it was before the scan, to the last
@@ -72,7 +75,7 @@ class FastSlam:
     Several threads may share one filter: each call sees it between two calls of the others, and the
     interpreter is free while the filter works.
 
-    Errors: `ConfigError` for the configuration.
+    Errors: `ConfigError` for the configuration, `ModelError` for `sensor`.
     """
 
     def __init__(
@@ -85,7 +88,7 @@ class FastSlam:
         sensor: Sensor | None = None,
     ) -> None:
         self.config = Config.resolve(config or {}, own_layer(sensor))
-        adapter = adapted(sensor)
+        adapter = begun(sensor)
         with core_errors():
             filter = _core.Filter(self.config.to_json(), identities, adapter)
         chart = Map.load(map) if isinstance(map, Path | str) else map
@@ -113,6 +116,7 @@ class FastSlam:
         self._chart_ids = tuple(chart_ids)
         self._stamp_s = 0.0
         self._updated_s = -math.inf
+        self._unused = Unused()
         # Held for a whole call, so that names, stamps and the core's state are of one moment.
         self._lock = threading.RLock()
 
@@ -150,7 +154,12 @@ class FastSlam:
     def _snapshot(self) -> bytes:
         with self._lock:
             updated_s = self._updated_s if math.isfinite(self._updated_s) else None
-            note = {"names": list(self._index_of), "stamp_s": self._stamp_s, "updated_s": updated_s}
+            note: dict[str, Any] = {
+                "names": list(self._index_of),
+                "stamp_s": self._stamp_s,
+                "updated_s": updated_s,
+            }
+            note["unused"] = self._unused.to_json()
             if self._chart_ids:
                 note["chart_ids"] = list(self._chart_ids)
             return self._filter.save(json.dumps(note))
@@ -169,6 +178,7 @@ class FastSlam:
         self._begin(filter, kept["names"], kept.get("chart_ids", ()), adapter)
         self._stamp_s = kept["stamp_s"]
         self._updated_s = -math.inf if kept["updated_s"] is None else kept["updated_s"]
+        self._unused = Unused.of_json(kept.get("unused"))
 
     def predict(self, control: ArrayLike, dt_s: float) -> None:
         """Moves the robot: a control of the motion model (2 or 3 numbers) that acted for `dt_s`.
@@ -318,14 +328,14 @@ class FastSlam:
             raise
         self._index_of.update(index_of)
         self._stamp_s = self._updated_s = stamp_s
-        return step_info(answer, self.config)
+        return step_info(answer, self.config, self._unused.of_step(stamp_s, answer, self.config))
 
 
-def step_info(answer: dict[str, Any], config: Config) -> StepInfo:
-    """What the core says of a step, its codes as names."""
+def step_info(answer: dict[str, Any], config: Config, more: tuple[str, ...] = ()) -> StepInfo:
+    """What the core says of a step, its codes as names; with `more` warnings."""
     answer["health"] = status_name(answer["health"])
     answer["health_reasons"] = reason_names(answer["health_reasons"])
-    answer["warnings"] = noise_sentences(answer["warnings"], config)
+    answer["warnings"] = (*noise_sentences(answer["warnings"], config), *more)
     return StepInfo(**answer)
 
 

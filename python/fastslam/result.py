@@ -179,7 +179,8 @@ class StepFields(Generic[Number, Count, Flag, Status, Reasons]):
     fell_back: Count
     """Particles for which the scan was too large for joint association."""
     nis: Number
-    """Mean normalised innovation squared per sighting, sliding window; 2 is expected, 0 before the first."""
+    """Mean normalised innovation squared per two numbers (a sighting of range and bearing), sliding window; 2
+    is expected, 0 before the first."""
     nis_band_low: Number
     """From here to `nis_band_high` lie 95 % of such means when the noise is right."""
     nis_band_high: Number

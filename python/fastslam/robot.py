@@ -32,9 +32,11 @@ from .scan_call import (
     number,
 )
 from .scanner import Scanner, checked_turn
+from .sensor_checks import begun
 from .sensors import Sensor, adapted, own_layer
 from .settings import Layer
 from .several import each_sensor, refuse_several, sensor_number
+from .unused import Unused
 from .window import Step as Step
 from .window import Window as Window
 
@@ -106,7 +108,7 @@ class Robot:
     ) -> None:
         self.config = Config.resolve(LIVE, config or {}, own_layer(sensor))
         self._scanner = None if scanner is None else scanner.to_json()
-        self._adapter = adapted(sensor)
+        self._adapter = begun(sensor)
         chosen = window or Window()
         chart = Map.load(map) if isinstance(map, Path | str) else map
         if chart is not None:
@@ -161,6 +163,7 @@ class Robot:
         self._search = None
         self._step = None
         self._lost = Lost()
+        self._unused = Unused()
         self._refused = {}
         self._unexplained = 0
         self._ended = False
@@ -410,6 +413,7 @@ class Robot:
                 stream=[self._kind, self._window],
                 refused=self._refused or None,
                 lost_since_s=self._lost.since_s,
+                unused=self._unused.to_json(),
                 scanner=self._scanner,
             )
             return self._stream.save(kept)
@@ -430,6 +434,7 @@ class Robot:
             self._kind, self._window = kept["stream"][0], tuple(kept["stream"][1])
         self._refused = kept.get("refused", {})
         self._lost = Lost(kept.get("lost_since_s"))
+        self._unused = Unused.of_json(kept.get("unused"))
         self._scanner = tuple(kept["scanner"]) if "scanner" in kept else None
         if "chart" in kept:
             from .searching import chart_of_json, search_of_json
@@ -492,6 +497,7 @@ class Robot:
             if name != "waiting":
                 self._refused[name] = self._refused.get(name, 0) + count
         self._stream, self._step, self._lost = self._fresh_stream(), None, Lost()
+        self._unused = Unused()
 
     def _computed(self) -> tuple[Step, ...]:
         """The steps that the rows so far allow."""
@@ -508,7 +514,9 @@ class Robot:
                 self._step = steps[-1] if steps else self._step
                 return tuple(steps)
             (stamp_s, mean, covariance), fields = answer
-            steps.append(Step(stamp_s, mean, symmetric(covariance), step_info(fields, self.config)))
+            unused = self._unused.of_step(stamp_s, fields, self.config)
+            info = step_info(fields, self.config, unused)
+            steps.append(Step(stamp_s, mean, symmetric(covariance), info))
 
     def _check_found(self) -> None:
         if self._search is not None:

@@ -23,7 +23,8 @@ from .log import Log
 from .maps import Map, StartLike, changes, core_start
 from .noise import noise_sentences
 from .result import RunResult, Steps, Trajectory
-from .sensors import Sensor, adapted, own_layer
+from .sensor_checks import begun
+from .sensors import Sensor, own_layer
 from .settings import Layer
 from .several import as_the_core_takes, refuse_several
 from .timing import stage
@@ -126,7 +127,7 @@ def run(
     """
     log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
     log = detected(log)
-    adapter = adapted(sensor)
+    adapter = begun(sensor)
     configuration = configure(log, config or {}, own_layer(sensor))
     if map is not None:
         refuse_several(configuration, "a kept map")

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .answers import checked, in_one_line, read_only, shape_text
+from .answers import Given, checked, in_one_line, read_only, shape_text
 from .errors import ModelError
 from .log import Floats
 from .measured import BOTH
@@ -28,7 +28,8 @@ class Sensor(Protocol):
     (n, Z, 2) and by the pose (n, Z, 3); without it they are taken by differences. `innovation(measured,
     expected)` (n, Z) is measured minus expected; without it the difference, wrapped where the column is an
     angle. `births(poses, measured)` gives where a landmark may be that was sighted once: shares (n, K) that
-    sum to 1, means (n, K, 2), covariances (n, K, 2, 2); without it the ring of a range.
+    sum to 1, means (n, K, 2), covariances (n, K, 2, 2); without it the ring of a range. Numbers in the column
+    `range_m` lie within the limits of the configuration, as those of ranges do.
 
     Poses (n, 3) are those of the sensor in the world as x, y, heading; landmarks (n, 2) are in the world.
     """
@@ -53,6 +54,9 @@ class Adapter:
     """
 
     def __init__(self, sensor: Sensor) -> None:
+        if isinstance(sensor, type):
+            name = sensor.__name__
+            raise ModelError(f"{name}: got the class, expected an instance of it: {name}(...)")
         self.sensor = sensor
         self.name = type(sensor).__name__
         for part in ("measures", "noise", "expected"):
@@ -91,10 +95,14 @@ class Adapter:
 
     def linearized(self, poses: Floats, landmarks: Floats) -> tuple[Floats, Floats, Floats]:
         """Expected measurement and its derivatives, of which the caller may change the numbers."""
-        count = len(poses)
         if hasattr(self.sensor, "jacobian"):
             expected = self.expected(poses, landmarks)
             return (expected, *self.jacobian(poses, landmarks))
+        return self.differences(poses, landmarks)
+
+    def differences(self, poses: Floats, landmarks: Floats) -> tuple[Floats, Floats, Floats]:
+        """As `linearized`, without asking the class for derivatives."""
+        count = len(poses)
         # All in one call: as they are, then each of five variables a little more and a little less.
         moved = np.concatenate([np.zeros((1, 5)), _STEP * np.eye(5), -_STEP * np.eye(5)])
         rows = np.concatenate([poses, landmarks], axis=1)[None] + moved[:, None]
@@ -108,7 +116,8 @@ class Adapter:
     def expected(self, poses: Floats, landmarks: Floats) -> Floats:
         """What the sensor should measure (n, Z)."""
         given = read_only(poses, landmarks)
-        return self._answer("expected", lambda: self.sensor.expected(*given), (len(poses), self.size))
+        asked = (("pose", given[0]), ("landmark", given[1]))
+        return self._answer("expected", lambda: self.sensor.expected(*given), (len(poses), self.size), asked)
 
     def innovation(self, measured: Floats, expected: Floats) -> Floats:
         """Measured minus expected (n, Z)."""
@@ -120,50 +129,55 @@ class Adapter:
                     off[:, place] -= 2.0 * np.pi * np.round(off[:, place] / (2.0 * np.pi))
             return off
         ask, given = own, read_only(measured, expected)
-        return self._answer("innovation", lambda: ask(*given), measured.shape)
+        asked = (("measured", given[0]), ("expected", given[1]))
+        return self._answer("innovation", lambda: ask(*given), measured.shape, asked)
 
     def jacobian(self, poses: Floats, landmarks: Floats) -> tuple[Floats, Floats]:
         """The sensor's own derivatives by landmark (n, Z, 2) and pose (n, Z, 3)."""
         shapes = tuple((len(poses), self.size, variables) for variables in (2, 3))
-        by_landmark, by_pose = self._answers("jacobian", read_only(poses, landmarks), shapes)
+        asked = (("pose", poses), ("landmark", landmarks))
+        by_landmark, by_pose = self._answers("jacobian", asked, shapes)
         return by_landmark, by_pose
 
     def births(self, poses: Floats, measured: Floats) -> tuple[Floats, Floats, Floats]:
         """The sensor's own births: shares (n, K), means (n, K, 2), covariances (n, K, 2, 2)."""
         count = len(poses)
         shapes = ((count, -1), (count, -1, 2), (count, -1, 2, 2))
-        share, mean, covariance = self._answers("births", read_only(poses, measured), shapes)
+        asked = (("pose", poses), ("measured", measured))
+        share, mean, covariance = self._answers("births", asked, shapes)
         return share, mean, covariance
 
-    def _answers(
-        self, method: str, given: tuple[Floats, ...], shapes: tuple[tuple[int, ...], ...]
-    ) -> list[Floats]:
+    def _answers(self, method: str, given: Given, shapes: tuple[tuple[int, ...], ...]) -> list[Floats]:
         """What a method answers that gives several arrays; -1 stands for one number, the same in all."""
         with in_one_line(f"{self.name}.{method}"):
-            answer: Any = getattr(self.sensor, method)(*given)
+            answer: Any = getattr(self.sensor, method)(*read_only(*(rows for _, rows in given)))
         if not isinstance(answer, tuple | list) or len(answer) != len(shapes):
             expected = " and ".join(shape_text(shape) for shape in shapes)
             raise ModelError(f"{self.name}.{method}: expected {len(shapes)} arrays, {expected}")
         free = np.shape(answer[0])[1] if -1 in shapes[0] and np.ndim(answer[0]) == 2 else 0
         wanted = [tuple(free if size == -1 else size for size in shape) for shape in shapes]
         return [
-            checked(f"{self.name}.{method}", array, shape)
+            checked(f"{self.name}.{method}", array, shape, given)
             for array, shape in zip(answer, wanted, strict=True)
         ]
 
-    def _answer(self, part: str, ask: Callable[[], ArrayLike], shape: tuple[int, ...]) -> Floats:
+    def _answer(
+        self, part: str, ask: Callable[[], ArrayLike], shape: tuple[int, ...], given: Given = ()
+    ) -> Floats:
         with in_one_line(f"{self.name}.{part}"):
             answer = ask()
-        return checked(f"{self.name}.{part}", answer, shape)
+        return checked(f"{self.name}.{part}", answer, shape, given)
 
 
 def check(sensor: Sensor, *, range_m: tuple[float, float] = (0.5, 60.0)) -> int:
     """Puts a sensor through its conformance suite; returns the number of cases that it saw.
 
     Landmarks lie in all directions, `range_m` away. Shapes and finiteness of every answer; a row alone
-    gives what it gives among others; the innovation of a measurement with itself is nothing, and a heading
-    one turn further is the same; the derivatives against differences; the births are covariances whose
-    shares sum to 1, the landmark is near one of them, and each explains the sighting.
+    gives what it gives among others; the innovation of a measurement with itself is nothing, of one that is
+    a little more it is that little, and a heading one turn further is the same; the derivatives against
+    differences; the births are covariances whose shares sum to 1, the landmark is near one of them, and each
+    explains the sighting. Numbers in the column `range_m` lie within the default limits of ranges, beyond
+    which a run skips them. It begins with the part of the suite that holds wherever a sensor sees.
 
     >>> class Beacons:
     ...     measures, noise = ("range_m",), [[0.09]]

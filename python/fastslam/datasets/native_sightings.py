@@ -92,7 +92,7 @@ def sightings_of(
         identity=identity,
         class_index=class_index,
         signature=signature,
-        covariance=_point_covariance(table) if cartesian else _covariance(table, COVARIANCE_COLUMNS),
+        covariance=_point_covariance(table) if cartesian else _own_covariance(table, measures),
         sensor_index=sensor_index,
     )
     left_out = [column for column in BOTH if column not in measures and column in table.index_of]
@@ -188,6 +188,25 @@ def _point_covariance(table: CsvTable) -> Floats | None:
     if covariance is None:
         return None
     return polar_covariance(table.numbers("x_m"), table.numbers("y_m"), covariance)
+
+
+def _own_covariance(table: CsvTable, measures: Sequence[str]) -> Floats | None:
+    """Covariances of sightings; of a sensor that measures one column its variance is enough.
+
+    Errors: DataError for a part of the columns, and for covariances that are none.
+    """
+    own = [COVARIANCE_COLUMNS[2 * BOTH.index(column)] for column in measures]
+    if len(own) > 1 or [name for name in COVARIANCE_COLUMNS if name in table.index_of] != own:
+        return _covariance(table, COVARIANCE_COLUMNS)
+    variance = table.numbers(own[0], empty=float("nan"))
+    wrong = ~np.isnan(variance) & ~(np.isfinite(variance) & (variance > 0.0))
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        message = f"{own[0]}: got {variance[row]}, expected a positive number or an empty cell"
+        raise DataError(message, table.path, table.lines[row])
+    values = np.where(np.isnan(variance)[:, None], np.nan, np.array([1.0, 0.0, 1.0]))
+    values[:, COVARIANCE_COLUMNS.index(own[0])] = variance
+    return values
 
 
 def _covariance(table: CsvTable, names: tuple[str, ...]) -> Floats | None:
