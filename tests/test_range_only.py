@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,18 @@ def test_the_variance_of_ranges_alone_is_enough(tmp_path: Path) -> None:
             DataError, match=r"sightings\.csv:3: range_variance_m2: got .*, expected a positive"
         ):
             load(tmp_path)
+
+
+def test_a_ruined_run_and_one_that_places_nothing_get_a_verdict(beacons: LogType) -> None:
+    settings = {"filter": {"particles": 30}, "sensor": {"range_std_m": 0.02, "range_scale_std": 0.0}}
+    ruined = replace(beacons.sightings, range_m=beacons.sightings.range_m**1.3)
+    result = run(replace(beacons, sightings=ruined), settings)
+    assert any("innovations" in sentence or "lost" in sentence for sentence in result.verdict), result.verdict
+    still = replace(beacons, controls=replace(beacons.controls, values=0.0 * beacons.controls.values))
+    near = replace(beacons.sightings, range_m=0.0 * beacons.sightings.range_m + 9.0)
+    nowhere = run(replace(still, sightings=near), {"filter": {"particles": 30}})
+    assert nowhere.steps.matched.sum() == 0
+    assert [sentence[:21] for sentence in nowhere.verdict] == ["no landmark was placed"[:21]]
 
 
 def test_bearings_in_the_file_are_not_used_and_a_missing_model_is_named(tmp_path: Path) -> None:

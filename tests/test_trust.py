@@ -8,12 +8,13 @@ import fastslam
 import numpy as np
 import pytest
 from fastslam.detection import with_sightings
+from fastslam.health import HealthStatus
 from fastslam.laid import Laid, laid_on_map
 from fastslam.log import Floats, Log
 from fastslam.result import RunResult
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.standing import Looks, standing, surplus
-from fastslam.trust import against, doubts
+from fastslam.trust import against, doubts, lost_for_good
 
 SETTINGS = {"filter": {"particles": 15}, "association": {"mode": "unknown"}}
 RNG = np.random.default_rng(3)
@@ -59,6 +60,26 @@ def test_sightings_that_the_map_does_not_explain_are_told() -> None:
     bent[half:, :2] += 3.0
     wrong = replace(result, smoothed=replace(result.smoothed, T_world_robot=bent))
     assert ratios(result, log)["unexplained"] < 0.5 < 1.0 < ratios(wrong, log)["unexplained"]
+
+
+def test_a_time_in_which_the_filter_was_lost_counts_where_its_map_stands_apart() -> None:
+    log = drive()
+    result = fastslam.run(log, SETTINGS)
+    health = result.steps.health.copy()
+    third = len(health) // 3
+    health[third : 2 * third] = HealthStatus.LOST
+    lost = replace(result, steps=replace(result.steps, health=health))
+    laid = laid_on_map(lost, log)
+    assert laid is not None
+    # What was seen meanwhile shows landmarks of the time before and after.
+    assert not lost_for_good(lost, laid).any() and ratios(lost, log)["lost"] == 0.0
+    first_s, last_s = result.steps.stamp_s[[third, 2 * third - 1]]
+    meanwhile = (laid.stamp_s >= first_s) & (laid.stamp_s <= last_s) & (laid.landmark >= 0)
+    landmark = laid.landmark + len(laid.mean_m) * meanwhile
+    apart = replace(laid, landmark=landmark, mean_m=np.vstack([laid.mean_m, laid.mean_m + 50.0]))
+    assert np.array_equal(lost_for_good(lost, apart), health == HealthStatus.LOST)
+    unseen = replace(laid, squared=np.where(meanwhile, np.inf, laid.squared))
+    assert np.array_equal(lost_for_good(lost, unseen), health == HealthStatus.LOST)
 
 
 def scene(shown: Floats, mean_m: Floats, *, together: bool = True) -> Laid:

@@ -247,7 +247,7 @@ class RunResult:
     verdict: tuple[str, ...] = ()
     """What the run comes to where that is less than a map and a path, and why; a sentence each."""
     warnings: tuple[str, ...] = ()
-    """What the innovations of the run say against the configured noise, a sentence each."""
+    """What the innovations say against the noise configured, and how often the filter was not ok."""
     findings: tuple[dict[str, str], ...] = ()
     """What the examination of the log found before the run: code, severity, message and remedy of each."""
     noise: dict[str, Any] = field(default_factory=dict)

@@ -28,7 +28,7 @@ from .sensors import Sensor, own_layer
 from .settings import Layer
 from .several import as_the_core_takes, refuse_several
 from .timing import stage
-from .verdict import named_twice, verdict
+from .verdict import judged, named_twice
 
 if TYPE_CHECKING:
     from .watching import Watch
@@ -272,7 +272,7 @@ def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -
         warnings=noise_sentences(columns["warnings"], config, log.sightings, detected=log.scans is not None),
         noise=columns["noise"],
     )
-    return replace(result, verdict=verdict(result, log, columns["two_places"]))
+    return judged(result, log, columns["two_places"])
 
 
 def peak_memory_bytes() -> int:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from .health import health_summary
-from .laid import laid_on_map
-from .log import Log
+import numpy as np
+
+from .health import HealthStatus, health_summary
+from .laid import Laid, laid_on_map
+from .log import Bools, Log
 from .result import RunResult
 from .standing import Standing, standing
 
@@ -19,8 +21,12 @@ FEW_ODD = 4
 """Fewer than this many that are odd say nothing: what stands in front of a landmark for long makes it so."""
 MOST_LOST = 0.02
 """A filter that is lost now and then comes back at times, and mostly to another map."""
+PUT_RIGHT = 0.9
+"""A time in which the filter was lost does not count where so many sightings show what other times do."""
 LARGEST_INNOVATION_STD = 1.25
 """Innovations this many times as large as the noise explains are told (as in `noise`); it is squared here."""
+LARGEST_PARTIAL_STD = 1.5
+"""The same of ranges or bearings alone: what a landmark may be is not Gaussian until its place is sure."""
 MOST_UNEXPLAINED = 0.1
 """Share of the sightings that were used in the run and are far from every landmark of the map."""
 
@@ -40,10 +46,15 @@ class Doubt:
 
 
 def doubts(result: RunResult, log: Log) -> tuple[Doubt, ...]:
-    """What speaks against the map of a run over a log, strongest first, all of it whatever the limit."""
-    if result.interrupted or result.config["sensor"]["model"] != "range_bearing":
+    """What speaks against the map of a run over a log, strongest first, all of it whatever the limit.
+
+    What sees ranges or bearings alone cannot be laid on the map sighting by sighting: its steps are judged.
+    """
+    if result.interrupted:
         return ()
-    found = [*_of_steps(result), *_of_map(result, log)]
+    whole = result.config["sensor"]["model"] == "range_bearing" and result.chart is None
+    laid = laid_on_map(result, log) if whole else None
+    found = [*_of_steps(result, laid), *(() if laid is None else _of_map(result, laid, log))]
     return tuple(sorted(found, key=lambda doubt: -doubt.ratio))
 
 
@@ -52,13 +63,15 @@ def against(found: Iterable[Doubt]) -> tuple[str, ...]:
     return tuple(doubt.sentence for doubt in found if doubt.ratio >= 1.0)
 
 
-def _of_steps(result: RunResult) -> Iterator[Doubt]:
-    lost = health_summary(result.steps).lost
-    if lost is not None:
+def _of_steps(result: RunResult, laid: Laid | None) -> Iterator[Doubt]:
+    if health_summary(result.steps).lost is not None:
+        judged = result.steps.health != HealthStatus.INITIALIZING
+        lost = float(lost_for_good(result, laid)[judged].mean())
         yield Doubt("lost", lost / MOST_LOST, f"{LOST} in {lost:.0%} of its steps")
     nis, band = result.noise.get("nis"), result.noise.get("nis_band")
     if nis is not None and band is not None and band[1] > 0:
-        most = band[1] * LARGEST_INNOVATION_STD**2
+        whole = result.config["sensor"]["model"] == "range_bearing"
+        most = band[1] * (LARGEST_INNOVATION_STD if whole else LARGEST_PARTIAL_STD) ** 2
         sentence = (
             f"innovations are larger than the noise explains (NIS {nis:.1f}, at most {band[1]:.1f}): "
             "the noise is told too small, or map and path are wrong"
@@ -70,10 +83,30 @@ def _of_steps(result: RunResult) -> Iterator[Doubt]:
     yield Doubt(NOT_FOUND, missed / max(FEW, MOST_WRONG * visited), sentence)
 
 
-def _of_map(result: RunResult, log: Log) -> Iterator[Doubt]:
-    laid = laid_on_map(result, log) if result.chart is None else None
-    if laid is None:
-        return
+def lost_for_good(result: RunResult, laid: Laid | None) -> Bools:
+    """At which steps (T,) the filter was lost, but for times that the path drawn at the end has put right.
+
+    **Why:** a robot that is lost maps things anew. Where paths drawn later joined both maps, what it saw
+    meanwhile shows landmarks that were seen at other times too; in a second map each shows its own.
+    """
+    steps = result.steps
+    lost = steps.health == HealthStatus.LOST
+    if laid is None or not lost.any():
+        return np.asarray(lost)
+    # Times of one status, from 1 on; no sighting lies before the first step.
+    begins = np.flatnonzero(np.diff(lost, prepend=~lost[:1]))
+    time_of_sighting = np.searchsorted(steps.stamp_s[begins], laid.stamp_s, "right")
+    of_lost = np.concatenate([[False], lost[begins]])
+    shown = laid.explained
+    elsewhere = np.zeros(len(laid.mean_m), dtype=np.bool_)
+    elsewhere[laid.landmark[shown & ~of_lost[time_of_sighting]]] = True
+    right = shown & elsewhere[laid.landmark]
+    count, good = (np.bincount(time_of_sighting, some, len(of_lost)) for some in (np.ones(len(right)), right))
+    put_right = good >= PUT_RIGHT * np.maximum(count, 1.0)
+    return np.asarray(lost & ~put_right[np.cumsum(np.isin(np.arange(len(lost)), begins))])
+
+
+def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
     named = result.config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
     stand = standing(laid, named=named)
     yield Doubt("landmarks", stand.odd / max(FEW_ODD, MOST_WRONG * stand.landmarks), _landmarks(stand))

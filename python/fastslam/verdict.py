@@ -31,9 +31,17 @@ UNITS = {"feet": 0.3048, "centimetres": 1e-2, "millimetres": 1e-3}
 
 def warnings_of(result: RunResult) -> tuple[str, ...]:
     """Everything that speaks against a run, a sentence each: verdict, noise, health."""
-    unhealthy = health_warning(result.steps)
-    told = any(sentence.startswith(LOST) for sentence in result.verdict)
-    return (*result.verdict, *result.warnings, *(() if unhealthy is None or told else (unhealthy,)))
+    return (*result.verdict, *result.warnings)
+
+
+def judged(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -> RunResult:
+    """The result with its verdict, and with what its health says where the verdict does not say it.
+
+    `two_places` is the core's list of names that were seen at two places, as the poses were believed then.
+    """
+    found, unhealthy = verdict(result, log, two_places), health_warning(result.steps)
+    told = unhealthy is None or any(sentence.startswith(LOST) for sentence in found)
+    return replace(result, verdict=found, warnings=(*result.warnings, *(() if told else (unhealthy,))))
 
 
 def is_empty(result: RunResult) -> bool:
@@ -52,10 +60,7 @@ def named_twice(sightings: Sightings) -> int:
 
 
 def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -> tuple[str, ...]:
-    """What the run comes to where that is less than a map and a path, and what the names contradict.
-
-    `two_places` is the core's list of names that were seen at two places, as the poses were believed then.
-    """
+    """What the run comes to where that is less than a map and a path, and what the names contradict."""
     if result.interrupted:
         return ()
     log, config = as_of_one(log, result.config)
@@ -100,6 +105,12 @@ def _map_verdict(result: RunResult, total: int, *, explained: bool) -> Iterator[
             yield f"nothing was mapped: none of the {total:,} sightings founded a landmark"
     elif not result.steps.matched.any():
         used = int(result.steps.sightings.sum())
+        if result.config["sensor"]["model"] != "range_bearing":
+            yield (
+                f"no landmark was placed: the {used:,} sightings do not say yet where any of the "
+                f"{len(landmarks.ids):,} stands, so nothing corrects the odometry"
+            )
+            return
         yield (
             f"no landmark was seen twice: each of the {used:,} sightings was taken for a new one, so nothing "
             "corrects the odometry"
