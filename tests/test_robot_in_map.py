@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from fastslam import Anywhere, Map, Start, run
 from fastslam.errors import DataError
+from fastslam.health import HealthStatus
 from fastslam.live import live
 from fastslam.localisation import between
 from fastslam.log import Log
@@ -241,6 +242,27 @@ def test_a_robot_that_is_carried_away_is_searched_for_again(seed: int) -> None:
         off_m = np.hypot(*(step.T_world_robot[:2] - truth.T_world_robot[row, :2]))
         assert off_m < 0.6 or step.info.health in ("degraded", "lost")
     assert later[0].stamp_s < 24.0
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_a_robot_that_starts_beside_its_start_does_not_map_all_anew(seed: int) -> None:
+    log = anonymous(simulate({"seed": seed, "world": {"count": 40}, "max_duration_s": 40.0}))
+    kept = run(log, {**UNKNOWN, "seed": 9}).map
+    beside = Start(0.0, 2.5, 0.0, std=(0.2, 0.2, 0.03))
+    robot = Robot(configured(log), identities="none", map=kept, start=beside)
+    health = [(step.stamp_s, step.info.health) for step in driven(robot, log)]
+    assert not robot.searching and health[-1][1] == "ok"
+    assert 1.0 < min(stamp_s for stamp_s, status in health if status == "lost") < 12.0
+    result_m, truth = robot.pose[1], log.truth_trajectory
+    assert truth is not None
+    assert np.hypot(*(result_m[:2] - truth.T_world_robot[-1, :2])) < 0.6
+    assert len(robot.changes.gone) <= 2
+    # A run over the log is not searched for; it says so.
+    lost = run(log, UNKNOWN, map=kept, start=beside)
+    assert any(sentence.startswith("the filter was lost") for sentence in lost.verdict), lost.verdict
+    assert any("among those of the kept map are none of it" in text for text in lost.verdict)
+    sound = run(log, UNKNOWN, map=kept, start=Start(std=(0.2, 0.2, 0.03)))
+    assert sound.verdict == () and not (sound.steps.health == HealthStatus.LOST).any()
 
 
 def test_a_robot_is_searched_for_when_asked(log: Log, chart: Map) -> None:

@@ -5,8 +5,10 @@
 
 Runs with defaults over simulated worlds, another one for each seed, and over real logs, which are read from
 the folder that FASTSLAM_DATA names (default: `../shared/data`). A step that is not ok is borne out where the
-robot had seen nothing for long (`no_sightings`), or where its live pose is off by more than FACTOR times the
-RMS error of the steps that are ok. What is left are false alarms.
+robot had seen nothing for long (`no_sightings`) or the particles disagreed about its pose (`pose_uncertain`),
+which are facts; where its live pose is off by more than FACTOR times the RMS error of the steps that are ok;
+and where the map was there twice, as the draw says that joined TWICE landmarks or more at the end of such a
+time, or less than SOON steps later. What is left are false alarms.
 """
 
 from __future__ import annotations
@@ -28,12 +30,14 @@ from fastslam.evaluation.align import wrap_angle
 from fastslam.evaluation.trajectory import interpolate_poses
 from fastslam.health import HealthStatus, has_reason, reason_names
 from fastslam.log import Bools, Floats, Log
-from fastslam.result import RunResult
+from fastslam.result import RunResult, Steps
 from fastslam.simulation import resolve_simulation, simulate
 
 MARK = "<!-- measured by experiments/health/run.py -->"
 FACTOR = 2.0
 """Of a Gaussian error in the plane, one in fifty is farther off than twice its RMS."""
+TWICE = 3
+SOON = 50
 WORLDS = ("demo", "loop", "cones", "orchard")
 
 
@@ -66,7 +70,7 @@ def _log(case: Case, data: Path, seed: int) -> Log:
     if case.folder is None:
         world = case.title.split("`")[1]
         return simulate(resolve_simulation({"seed": 1 + seed}, preset=world))
-    return load(data / case.folder, **({} if case.robot is None else {"robot": case.robot}))
+    return load(data / case.folder, robot=case.robot)
 
 
 def measure(case: Case, data: Path, particles: int, seed: int) -> dict[str, Any]:
@@ -77,18 +81,31 @@ def measure(case: Case, data: Path, particles: int, seed: int) -> dict[str, Any]
     steps = result.steps
     judged = steps.health != HealthStatus.INITIALIZING
     alarmed = judged & (steps.health != HealthStatus.OK)
-    blind = has_reason(steps.health_reasons, "no_sightings")
-    worse = _worse_off(result, log, judged & ~alarmed)
-    false = alarmed & ~blind & ~worse
-    count = max(int(judged.sum()), 1)
-    said = Counter(name for bits in steps.health_reasons[false] for name in reason_names(int(bits)))
-    shares = {
-        "ok": judged & ~alarmed,
-        "blind": alarmed & blind,
-        "worse": alarmed & worse & ~blind,
-        "false": false,
+    borne_out = {
+        "blind": has_reason(steps.health_reasons, "no_sightings"),
+        "uncertain": has_reason(steps.health_reasons, "pose_uncertain"),
+        "worse": _worse_off(result, log, judged & ~alarmed),
+        "twice": _there_twice(steps, alarmed),
     }
-    return {**{name: int(rows.sum()) / count for name, rows in shares.items()}, "said": said}
+    shares, left = {"ok": judged & ~alarmed}, alarmed
+    for name, rows in borne_out.items():
+        shares[name], left = left & rows, left & ~rows
+    said = Counter(name for bits in steps.health_reasons[left] for name in reason_names(int(bits)))
+    count = max(int(judged.sum()), 1)
+    return {
+        **{name: int(rows.sum()) / count for name, rows in (shares | {"false": left}).items()},
+        "said": said,
+    }
+
+
+def _there_twice(steps: Steps, alarmed: Bools) -> Bools:
+    """Which steps belong to an alarm at whose end a draw joined what was there twice."""
+    joined = np.flatnonzero(steps.rejuvenated & (steps.merged >= TWICE))
+    twice = np.zeros(len(alarmed), dtype=np.bool_)
+    edges = np.flatnonzero(np.diff(alarmed, prepend=False, append=False))
+    for first, after in zip(edges[::2], edges[1::2], strict=True):
+        twice[first:after] = bool(((joined >= first) & (joined < after + SOON)).any())
+    return twice
 
 
 def _worse_off(result: RunResult, log: Log, ok: Bools) -> Bools:
@@ -117,14 +134,24 @@ def _errors(result: RunResult, log: Log) -> Floats | None:
 
 def table(rows: list[tuple[Case, list[dict[str, Any]]]]) -> str:
     """A line for each log: medians and, in brackets, the worst seed, in per cent of the judged steps."""
-    heads = ("log", "identities", "ok", "blind", "worse off", "false alarms", "what these say")
+    heads = ("log", "identities", *COLUMNS.values(), "what these say")
     lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for case, runs in rows:
-        cells = [_cell([run[name] for run in runs], name) for name in ("ok", "blind", "worse", "false")]
-        said = sum((run["said"] for run in runs), Counter()).most_common(2)
-        names = ", ".join(f"`{name}`" for name, _ in said)
+        cells = [_cell([run[name] for run in runs], name) for name in COLUMNS]
+        said: Counter[str] = sum((run["said"] for run in runs), Counter())
+        names = ", ".join(f"`{name}`" for name, _ in said.most_common(2))
         lines.append(f"| {case.title} | {case.association} | {' | '.join(cells)} | {names} |")
     return "\n".join(lines)
+
+
+COLUMNS = {
+    "ok": "ok",
+    "blind": "blind",
+    "uncertain": "pose unsure",
+    "worse": "worse off",
+    "twice": "map twice",
+    "false": "false alarms",
+}
 
 
 def _cell(shares: list[float], name: str) -> str:

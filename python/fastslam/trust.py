@@ -19,6 +19,10 @@ FEW = 3
 """Fewer than this many landmarks that were not found again say nothing."""
 FEW_ODD = 4
 """Fewer than this many that are odd say nothing: what stands in front of a landmark for long makes it so."""
+MOST_NEW = 1 / 3
+"""Where so many of the landmarks seen in a kept map are none of it, the robot is elsewhere."""
+NEIGHBOURS = 6
+"""What is as near to a kept landmark as the sixth neighbour of one mostly is stands among them."""
 MOST_LOST = 0.02
 """A filter that is lost now and then comes back at times, and mostly to another map."""
 PUT_RIGHT = 0.9
@@ -54,7 +58,8 @@ def doubts(result: RunResult, log: Log) -> tuple[Doubt, ...]:
         return ()
     whole = result.config["sensor"]["model"] == "range_bearing" and result.chart is None
     laid = laid_on_map(result, log) if whole else None
-    found = [*_of_steps(result, laid), *(() if laid is None else _of_map(result, laid, log))]
+    found = [*_of_steps(result, laid), *_of_kept_map(result)]
+    found.extend(() if laid is None else _of_map(result, laid, log))
     return tuple(sorted(found, key=lambda doubt: -doubt.ratio))
 
 
@@ -67,7 +72,10 @@ def _of_steps(result: RunResult, laid: Laid | None) -> Iterator[Doubt]:
     if health_summary(result.steps).lost is not None:
         judged = result.steps.health != HealthStatus.INITIALIZING
         lost = float(lost_for_good(result, laid)[judged].mean())
-        yield Doubt("lost", lost / MOST_LOST, f"{LOST} in {lost:.0%} of its steps")
+        hint = (
+            "" if result.chart is None else "; where its start is not sure, a search in the map may find it"
+        )
+        yield Doubt("lost", lost / MOST_LOST, f"{LOST} in {lost:.0%} of its steps{hint}")
     nis, band = result.noise.get("nis"), result.noise.get("nis_band")
     if nis is not None and band is not None and band[1] > 0:
         whole = result.config["sensor"]["model"] == "range_bearing"
@@ -104,6 +112,28 @@ def lost_for_good(result: RunResult, laid: Laid | None) -> Bools:
     count, good = (np.bincount(time_of_sighting, some, len(of_lost)) for some in (np.ones(len(right)), right))
     put_right = good >= PUT_RIGHT * np.maximum(count, 1.0)
     return np.asarray(lost & ~put_right[np.cumsum(np.isin(np.arange(len(lost)), begins))])
+
+
+def _of_kept_map(result: RunResult) -> Iterator[Doubt]:
+    if result.chart is None or result.changes is None or result.config["association"]["mode"] == "known":
+        return
+    from scipy.spatial import cKDTree
+
+    kept_m = result.chart.landmarks.mean_m
+    if len(kept_m) <= NEIGHBOURS:
+        return
+    names = set(result.changes.new)
+    new = [row for row, name in enumerate(result.landmarks.ids) if name in names]
+    tree = cKDTree(kept_m)
+    near_m = float(np.median(tree.query(kept_m, k=NEIGHBOURS + 1)[0][:, -1]))
+    among = int((tree.query(result.landmarks.mean_m[new])[0] < near_m).sum())
+    seen = among + result.changes.sighted
+    sentence = (
+        f"{among:,} landmarks that stand among those of the kept map are none of it, and "
+        f"{result.changes.sighted:,} of it were sighted: the robot is not where it thinks, or the world has "
+        "changed"
+    )
+    yield Doubt("kept map", among / max(FEW_ODD, MOST_NEW * seen), sentence)
 
 
 def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:

@@ -14,7 +14,7 @@ use serde_json::Value;
 /// What every snapshot begins with.
 const MAGIC: [u8; 8] = *b"fastslam";
 /// Layout of what is stored. It goes up whenever a stored type changes; a stored file in the tests tells when.
-pub const FORMAT: u32 = SENSORS;
+pub const FORMAT: u32 = KEPT_MAPS;
 /// The oldest format that is still read.
 const OLDEST_FORMAT: u32 = 2;
 /// The first format with what a filter was given to begin with behind its state.
@@ -31,6 +31,8 @@ pub(crate) const BESIDE: u32 = 7;
 pub(crate) const ERRORS: u32 = 8;
 /// The first format with several sensors: what is known of each, and which made what.
 pub(crate) const SENSORS: u32 = 9;
+/// The first format with what was seen lately of a kept map.
+pub(crate) const KEPT_MAPS: u32 = 10;
 /// Magic, format, length of the content, checksum of the content.
 const PREAMBLE: usize = MAGIC.len() + 4 + 8 + 4;
 
@@ -251,7 +253,7 @@ mod tests {
         assert!(message(b"PK").contains("no snapshot of fastslam"));
         let mut newer = sealed();
         newer[8] += 1;
-        assert!(message(&newer).contains("a newer format, 10; this version reads 2 to 9"));
+        assert!(message(&newer).contains("a newer format, 11; this version reads 2 to 10"));
         assert!(message(&sealed()[..99]).contains("cut off"));
         let of_a_run = seal(&Head::of_run(&Config::default(), Identities::All).unwrap(), &0).unwrap();
         assert!(message(&of_a_run).contains("of a run"));

@@ -1,5 +1,6 @@
 //! Whether the filter can still be believed, and if not, why.
 
+use super::kept_map::KeptMap;
 use super::looks::{InView, Looks, MapInView};
 use super::names::Names;
 use super::noise::NoiseCheck;
@@ -304,6 +305,7 @@ impl Watch {
     pub fn matched(&mut self, known: impl Iterator<Item = ([f64; 2], u64)>, sightings: usize) {
         for (value, birth) in known {
             self.looks.sighted(birth);
+            self.looks.kept_map.sighted(value, birth);
             self.matches.push((value, birth));
         }
         self.sightings += sightings;
@@ -380,6 +382,29 @@ impl Watch {
         self.looks.looked(in_view, landmark);
     }
 
+    /// What was seen lately of the map in which the robot began.
+    pub fn kept_map(&self) -> &KeptMap {
+        &self.looks.kept_map
+    }
+
+    /// The same, to be set.
+    pub fn kept_map_mut(&mut self) -> &mut KeptMap {
+        &mut self.looks.kept_map
+    }
+
+    /// The part of the view in which most sightings lie, for a robot in a kept map.
+    pub fn reach(&self) -> Option<View> {
+        let (far_m, half_angle_rad) = self.looks.kept_map.reach()?;
+        Some(View { far_m, half_angle_rad, ..self.view })
+    }
+
+    /// Takes note of whether a landmark within that reach was sighted, if it is a kept one.
+    pub fn looked_at_kept(&mut self, birth: u64, sighted: bool) {
+        if self.looks.kept_map.holds(birth) {
+            self.looks.kept_map.looked(sighted);
+        }
+    }
+
     /// Another landmark went over into this one.
     pub fn merged(&mut self, birth: u64) {
         self.looks.merged(birth);
@@ -428,7 +453,7 @@ impl Watch {
         let limit = settings.largest_unexplained_fraction;
         let lost = unexplained > 0.5 * (1.0 + limit) || self.torn.is_some_and(|torn| torn.scans >= TORN_SCANS);
         let torn = self.torn.is_some();
-        note(HealthReason::SightingsUnexplained, torn || unexplained > limit, lost);
+        note(HealthReason::SightingsUnexplained, torn || unexplained > limit, lost || self.looks.kept_map.is_left());
         let [[xx, xy, _], [_, yy, _], [_, _, hh]] = vitals.pose_covariance;
         let position = crate::geometry::Symmetric2::new(xx, xy, yy).largest_eigenvalue().max(0.0).sqrt();
         let spread =

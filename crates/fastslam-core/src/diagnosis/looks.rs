@@ -1,5 +1,6 @@
 //! Looks at the map: what a scan should have shown of it, and what it showed.
 
+use super::kept_map::KeptMap;
 use super::revisits::{Returns, Revisits};
 use crate::geometry::Pose;
 use serde::{Deserialize, Serialize};
@@ -60,6 +61,9 @@ pub(super) struct Looks {
     expected: f64,
     sighted: f64,
     revisits: Revisits,
+    /// Of a robot that began in one.
+    #[serde(skip)]
+    pub kept_map: KeptMap,
 }
 
 impl Looks {
@@ -116,6 +120,7 @@ impl Looks {
             return;
         }
         self.views += 1.0;
+        self.kept_map.end();
         let recent = share.max(1.0 / self.views);
         self.expected += recent * (in_view.expected - self.expected);
         self.sighted += recent * (f64::from(in_view.sighted) - self.sighted);
@@ -146,5 +151,6 @@ impl Looks {
     /// Loops were closed.
     pub fn closed(&mut self) {
         self.revisits.closed();
+        self.kept_map.closed();
     }
 }

@@ -6,6 +6,7 @@ pub(crate) mod by_sensor;
 pub(crate) mod detectability;
 pub(crate) mod health;
 pub(crate) mod innovations;
+pub(crate) mod kept_map;
 pub(crate) mod looks;
 pub(crate) mod misfits;
 pub(crate) mod names;

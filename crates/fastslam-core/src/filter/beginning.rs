@@ -9,6 +9,7 @@ use super::state::State;
 use super::work::Claims;
 use crate::association::{Belief, Decision, ScanSighting};
 use crate::config::Config;
+use crate::diagnosis::kept_map::KeptMap;
 use crate::diagnosis::names::IMPLAUSIBLE;
 use crate::error::{Error, Result};
 use crate::geometry::Pose;
@@ -40,6 +41,7 @@ pub(super) fn begin<M>(setup: &Setup<M>, state: &mut State, beginning: &Beginnin
     let count = beginning.landmarks.len();
     state.particles.landmarks.fill(count as u32);
     state.given.seen = vec![[0; 2]; count];
+    *state.diagnosis.watch.kept_map_mut() = KeptMap::of(count as u64);
     estimate_particles(state);
     Ok(())
 }

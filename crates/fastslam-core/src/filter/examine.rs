@@ -107,13 +107,18 @@ fn look_at_map<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, best: us
     landmarks.find(&region, in_reach);
     row.resize(landmarks.columns(), 0.0);
     let (outlook, mut in_view) = (view.from(pose), MapInView::default());
+    let near = diagnosis.watch.reach();
     for &slot in &*in_reach {
-        if !landmarks.read_row(slot, best, row) || row[column::SIGHTINGS] < SIGHTINGS_TO_COUNT {
+        let birth = landmarks.birth(slot);
+        let counts =
+            |row: &[f64]| diagnosis.watch.kept_map().holds(birth) || row[column::SIGHTINGS] >= SIGHTINGS_TO_COUNT;
+        if !landmarks.read_row(slot, best, row) || !counts(row) || !outlook.contains(Planar::mean_of(row)) {
             continue;
         }
-        if outlook.contains(Planar::mean_of(row)) {
-            let sighted = known.iter().any(|(_, candidate)| associating.table.slots[*candidate as usize] == slot);
-            diagnosis.watch.looked(&mut in_view, InView { birth: landmarks.birth(slot), sighted });
+        let sighted = known.iter().any(|(_, candidate)| associating.table.slots[*candidate as usize] == slot);
+        diagnosis.watch.looked(&mut in_view, InView { birth, sighted });
+        if near.as_ref().is_some_and(|near| near.from(pose).contains(Planar::mean_of(row))) {
+            diagnosis.watch.looked_at_kept(birth, sighted);
         }
     }
     *map_in_view = Some(in_view);

@@ -9,11 +9,14 @@ use super::given::Given;
 use super::need::Returns;
 use super::setup::Setups;
 use super::state::{Drawing, State};
+use crate::diagnosis::kept_map::KeptMap;
 use crate::diagnosis::misfits::Lately;
 use crate::error::Result;
 use crate::measurement::Placing;
 use crate::random::Purpose;
-use crate::snapshot::{content, open, seal, Head, Holds, BESIDE, ERRORS, FADING, GIVEN_MAPS, RETURNS, SENSORS};
+use crate::snapshot::{content, open, seal, Head, Holds, Stored};
+use crate::snapshot::{BESIDE, ERRORS, FADING, GIVEN_MAPS, KEPT_MAPS, RETURNS, SENSORS};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -21,20 +24,27 @@ use std::sync::Arc;
 #[derive(Deserialize)]
 struct Former(State, Given, Option<Fading>, (Option<Returns>, Lately));
 
-/// The same with what the format before the last added.
+/// The same with how wrong the pose may be.
 #[derive(Deserialize)]
 struct WithErrors(Former, Option<Errors>);
 
-/// The same with what the last format added: what is known of each sensor, and those that made the steps.
+/// The same with what the format before the last added: what is known of each sensor, and those that made the steps.
 #[derive(Deserialize)]
-struct Whole(WithErrors, (Eyes, Vec<u8>));
+struct WithSensors(WithErrors, (Eyes, Vec<u8>));
+
+/// The same with what the last format added: what was seen lately of a kept map.
+#[derive(Deserialize)]
+struct Whole(WithSensors, KeptMap);
 
 /// A former state, to be written.
 type FormerRef<'a> = (&'a State, &'a Given, &'a Option<Fading>, (Option<&'a Returns>, &'a Lately));
 
+/// The same with errors, to be written.
+type WithErrorsRef<'a> = (FormerRef<'a>, Option<&'a Errors>);
+
 /// The whole, to be written.
 #[derive(Serialize)]
-struct WholeRef<'a>((FormerRef<'a>, Option<&'a Errors>), (&'a Eyes, &'a [u8]));
+struct WholeRef<'a>((WithErrorsRef<'a>, (&'a Eyes, &'a [u8])), &'a KeptMap);
 
 impl<'a> WholeRef<'a> {
     fn of(state: &'a State) -> Self {
@@ -43,7 +53,7 @@ impl<'a> WholeRef<'a> {
         let errors = state.rejuvenation.as_ref().map(|rejuvenation| &rejuvenation.errors);
         let sensors = state.rejuvenation.as_ref().map_or(&[][..], |rejuvenation| &rejuvenation.history.sensors);
         let former = (state, &state.given, &state.landmarks.fading, (returns, lately));
-        Self((former, errors), (&state.diagnosis.eyes, sensors))
+        Self(((former, errors), (&state.diagnosis.eyes, sensors)), state.diagnosis.watch.kept_map())
     }
 }
 
@@ -85,25 +95,25 @@ pub(super) fn restored<M: Placing>(setups: &Arc<Setups<M>>, snapshot: &[u8]) -> 
             with_fading(State { given, ..state }, fading)
         }
         RETURNS..BESIDE => content::<Former>(&stored)?.into(),
-        BESIDE..ERRORS => {
-            let (former, gains, draw): (Former, Gains, Option<Draw<Former>>) = content(&stored)?;
-            beside = (gains, draw.map(|draw| draw.kept(setups)));
-            former.into()
-        }
-        ERRORS..SENSORS => {
-            let (whole, gains, draw): (WithErrors, Gains, Option<Draw<WithErrors>>) = content(&stored)?;
-            beside = (gains, draw.map(|draw| draw.kept(setups)));
-            whole.into()
-        }
-        _ => {
-            let (whole, gains, draw): (Whole, Gains, Option<Draw<Whole>>) = content(&stored)?;
-            beside = (gains, draw.map(|draw| draw.kept(setups)));
-            whole.into()
-        }
+        BESIDE..ERRORS => with_draw::<Former, M>(&stored, setups, &mut beside)?,
+        ERRORS..SENSORS => with_draw::<WithErrors, M>(&stored, setups, &mut beside)?,
+        SENSORS..KEPT_MAPS => with_draw::<WithSensors, M>(&stored, setups, &mut beside)?,
+        _ => with_draw::<Whole, M>(&stored, setups, &mut beside)?,
     };
     let mut engine = Engine::new(setups, ready(setups, state, Drawing::of(&settings.config)));
     let beside = Beside::restored(&mut engine, beside.0, beside.1);
     Ok((engine, beside))
+}
+
+/// A state, and what goes on beside it.
+fn with_draw<W: Into<State> + DeserializeOwned, M: Placing>(
+    stored: &Stored<'_>,
+    setups: &Setups<M>,
+    beside: &mut (Gains, Option<Kept>),
+) -> Result<State> {
+    let (whole, gains, draw): (W, Gains, Option<Draw<W>>) = content(stored)?;
+    *beside = (gains, draw.map(|draw| draw.kept(setups)));
+    Ok(whole.into())
 }
 
 impl From<Former> for State {
@@ -117,7 +127,15 @@ impl From<Former> for State {
 }
 
 impl From<Whole> for State {
-    fn from(Whole(former, (eyes, sensors)): Whole) -> Self {
+    fn from(Whole(former, kept_map): Whole) -> Self {
+        let mut state = Self::from(former);
+        *state.diagnosis.watch.kept_map_mut() = kept_map;
+        state
+    }
+}
+
+impl From<WithSensors> for State {
+    fn from(WithSensors(former, (eyes, sensors)): WithSensors) -> Self {
         let mut state = Self::from(former);
         state.diagnosis.eyes = eyes;
         if let Some(rejuvenation) = &mut state.rejuvenation {
