@@ -221,5 +221,11 @@ def test_a_class_that_is_not_configured_and_a_form_without_its_numbers_are_error
     message = r"class 2 of a sighting: expected 0 to 1 \(association.classes.number\)"
     with pytest.raises(DataError, match=message):
         fastslam.run(changed, {"association": {"classes": {"number": 2}}})
+    named = replace(changed, class_names=("blue", "yellow", "orange"))
+    message = (
+        r"class 'orange' of a sighting: expected one of blue, yellow \(association.classes.number is 2\)"
+    )
+    with pytest.raises(DataError, match=message):
+        fastslam.run(named, {"association": {"classes": {"number": 2}}})
     with pytest.raises(ConfigError, match=r"association\.detection_probability"):
         fastslam.run(log, {"association": {"existence": {"form": "bayes"}}})

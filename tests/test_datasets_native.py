@@ -228,6 +228,15 @@ def test_bearings_beyond_half_a_turn_are_wrapped(folder: Path) -> None:
     assert problem_counts(folder) == {"sightings with a bearing beyond +-pi: wrapped": 1}
 
 
+def test_words_for_a_class_that_nobody_knows_are_no_class(folder: Path) -> None:
+    words = ("blue", "unknown", "None", "", "nan", "null", "-1", "yellow")
+    rows = [f"{0.1 * k:.1f},{k + 1}.0,0.1,{word}" for k, word in enumerate(words)]
+    (folder / "sightings.csv").write_text("stamp_s,range_m,bearing_rad,class\n" + "\n".join(rows) + "\n")
+    log = load(folder)
+    assert log.class_names == ("blue", "yellow")
+    assert log.sightings.class_index.tolist() == [0, *[-1] * 6, 1]
+
+
 def test_other_clock_is_reported(folder: Path) -> None:
     (folder / "sightings.csv").write_text("stamp_s,range_m,bearing_rad\n1000,1,0\n")
     (problem,) = load(folder).problems

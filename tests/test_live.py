@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fastslam import run
+from fastslam import Map, run
 from fastslam.errors import DataError
 from fastslam.live import Session, live, session_of
 from fastslam.resultfiles import read_result
@@ -62,7 +62,7 @@ def test_events_on_standard_input_end_at_the_pose_of_a_run(tmp_path: Path) -> No
     lines = event_lines()
     lines[50:50] = ["{", '{"t": 1}', '{"t": 1, "odom": 3}', "\xff", '{"t": "x", "odom": [1, 0]}']
     out = tmp_path / "out"
-    command = program("--out", str(out), "--no-report")
+    command = program("--out", str(out), "--no-report", "--map-out", str(tmp_path / "map"))
     done = subprocess.run(command, input="\n".join(lines), capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     told = estimates(done.stdout)
@@ -72,6 +72,7 @@ def test_events_on_standard_input_end_at_the_pose_of_a_run(tmp_path: Path) -> No
     assert {entry["id"] for one in told for entry in one["map"]["changed"]} == set(LOG.identity_names)
     assert "passed over: line 51: no JSON" in done.stderr and "Traceback" not in done.stderr
     assert "5 lines that are no events" in done.stderr
+    assert set(Map.load(tmp_path / "map").landmarks.ids) == set(LOG.identity_names)
     # The files of a run, and what came as a log that gives them again.
     result = run(LOG, {"filter": {"particles": 15}})
     kept = read_result(out)
@@ -120,6 +121,19 @@ def test_estimates_come_at_the_rate_and_say_what_changed() -> None:
     gaps = np.diff([estimate.stamp_s for estimate in told])
     assert len(told) > 15 and (gaps[:-1] >= 0.5 - 1e-9).all()
     assert sum(len(estimate.changed) for estimate in told) >= 6
+
+
+def test_of_a_scan_only_the_sighting_of_an_unknown_class_is_left_out(tmp_path: Path) -> None:
+    settings = {"association": {"mode": "unknown", "classes": {"number": 2}}}
+    session = session_of(Robot(settings, identities="none", classes=("blue", "yellow")), rate_hz=10.0)
+    see = '[[3, 0.5, "blue"], [4, -0.5, "orange"], [5, 0.1, "unknown"], [6, 0.9, null], [7, -0.9, -1]]'
+    for line in ('{"t": 0, "odom": [1, 0]}', f'{{"t": 0.1, "see": {see}}}', '{"t": 0.2, "odom": [1, 0]}'):
+        session.take(line)
+    session.end()
+    assert session.faults.count == 0 and session.left_out.count == 1
+    assert session.left_out.shown[0].startswith("line 2: class_name: got 'orange', expected one of blue, yel")
+    landmarks = session.robot.landmarks
+    assert landmarks.class_index is not None and sorted(landmarks.class_index.tolist()) == [-1, -1, -1, 0]
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import fastslam
@@ -113,6 +114,10 @@ def test_steps_carry_the_warning_once_the_window_is_full_enough() -> None:
     infos = [filter_.step([0.0, 0.0], dt_s=0.2, range_m=[4.0, 5.0, 6.0, 7.0], **seen) for _ in range(300)]
     assert infos[20].warnings == ()
     assert any("lower sensor.range_std_m" in warning for warning in infos[-1].warnings)
+    told = list(dict.fromkeys(text for info in infos for text in info.warnings if "range_std_m" in text))
+    advised = [float(text.split(" to about ")[1].split()[0].rstrip(",")) for text in told]
+    assert 1 <= len(told) <= 5
+    assert all(abs(b - a) > 0.15 * a for a, b in pairwise(advised)), told
     assert infos[-1].nis < infos[-1].nis_band[0] < 2.0 < infos[-1].nis_band[1]
 
 

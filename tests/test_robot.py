@@ -6,6 +6,7 @@ import copy
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -85,12 +86,44 @@ def test_classes_have_their_names_and_too_many_are_refused() -> None:
     robot = Robot({**CONFIG, "association": {"classes": {"number": 2}}}, classes=("blue", "yellow"))
     robot.odometry(0.0, [0.0, 0.0])
     robot.sightings(0.1, range_m=[2.0, 3.0], bearing_rad=[0.5, -0.5], class_name=["yellow", None])
-    with pytest.raises(DataError, match="class 2 of a sighting"):
+    with pytest.raises(DataError, match="got 'red', expected one of blue, yellow"):
         robot.sightings(0.2, range_m=[2.0], bearing_rad=[0.5], class_name=["red"])
     robot.end()
     assert robot.landmarks.class_names == ("blue", "yellow")
     classes = robot.landmarks.class_index
     assert classes is not None and sorted(classes.tolist()) == [-1, 1]
+
+
+@pytest.mark.parametrize("word", ["unknown", " None ", "", "nan", "NULL", "-1", -1, float("nan"), None])
+def test_a_word_for_a_class_that_nobody_knows_is_no_class(word: str | float | None) -> None:
+    settings = {**CONFIG, "association": {"classes": {"number": 2}}}
+    seen: dict[str, Any] = {"range_m": [2.0, 3.0], "bearing_rad": [0.5, -0.5]}
+    robot = Robot(settings, classes=("blue",))
+    robot.odometry(0.0, [0.0, 0.0])
+    robot.sightings(0.1, class_name=["blue", word], **seen)
+    robot.end()
+    assert robot.landmarks.class_names == ("blue",)
+    single = FastSlam(settings)
+    single.update(0.1, class_index=[0, word], **seen)
+    for landmarks in (robot.landmarks, single.landmarks):
+        assert landmarks.class_index is not None and sorted(landmarks.class_index.tolist()) == [-1, 0]
+
+
+def test_the_map_of_a_robot_is_that_of_its_end_and_the_robot_goes_on() -> None:
+    log = make_small_log()
+    robot = Robot({**log.config, **CONFIG}, identities="all")
+    robot.keep_result()
+    for row in sorted(events(log)):
+        tell(robot, log, row)
+    before = pickle.dumps(robot)
+    early = robot.map
+    assert pickle.dumps(robot) == before and robot.counts["waiting"] > 0
+    robot.end()
+    kept = robot.result()[0].map
+    assert early.landmarks.ids == kept.landmarks.ids and len(kept.landmarks.ids) == 6
+    np.testing.assert_array_equal(early.landmarks.mean_m, kept.landmarks.mean_m)
+    np.testing.assert_array_equal(robot.map.landmarks.mean_m, kept.landmarks.mean_m)
+    assert early.made_from == kept.made_from and early.name == "live"
 
 
 def test_every_pose_that_is_told_can_be_a_start() -> None:

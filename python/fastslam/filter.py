@@ -23,7 +23,7 @@ from .health import reason_names, status_name
 from .limits import stamp_fault
 from .log import Floats
 from .maps import Map, StartLike, core_start, first_free_number
-from .noise import noise_sentences
+from .noise import Told
 from .result import LandmarkMap, StepFields, Trajectory
 from .scan_call import Identity, Scan, checked_scan, column, measured_scan, number
 from .sensor_checks import begun
@@ -117,6 +117,7 @@ class FastSlam:
         self._stamp_s = 0.0
         self._updated_s = -math.inf
         self._unused = Unused()
+        self._told_noise = Told()
         # Held for a whole call, so that names, stamps and the core's state are of one moment.
         self._lock = threading.RLock()
 
@@ -162,6 +163,8 @@ class FastSlam:
             note["unused"] = self._unused.to_json()
             if self._chart_ids:
                 note["chart_ids"] = list(self._chart_ids)
+            if self._told_noise.kept:
+                note["told"] = self._told_noise.kept
             return self._filter.save(json.dumps(note))
 
     def __setstate__(self, state: bytes | tuple[bytes, Sensor]) -> None:
@@ -177,6 +180,7 @@ class FastSlam:
         self.config = Config.resolve(json.loads(config))
         self._begin(filter, kept["names"], kept.get("chart_ids", ()), adapter)
         self._stamp_s = kept["stamp_s"]
+        self._told_noise = Told(kept.get("told"))
         self._updated_s = -math.inf if kept["updated_s"] is None else kept["updated_s"]
         self._unused = Unused.of_json(kept.get("unused"))
 
@@ -211,11 +215,12 @@ class FastSlam:
 
         Shapes: all (S,), of range and bearing those that the sensor measures; `covariance` (S, 3) is that of
         each range and bearing as (m², m·rad, rad²), NaN where the sensor's own noise holds. `class_index`
-        (-1: none) and `signature` (NaN: none) count where `association.classes` and `association.signatures`
-        are configured. Errors: `DataError` for columns of different lengths, bearings in degrees, a
-        covariance that is none, a class that is not configured, a stamp before the last one or before the
-        end of the last control, a sensor that there is not, or an identity that is neither name nor number;
-        `NumericalError` when no particle can explain the scan.
+        (-1, NaN, None: none) and `signature` (NaN: none) count where `association.classes` and
+        `association.signatures` are configured.
+        Errors: `DataError` for columns of different lengths, bearings in degrees, a covariance that is none,
+        a class that is not configured, a stamp before the last one or before the end of the last control, a
+        sensor that there is not, or an identity that is neither name nor number; `NumericalError` when no
+        particle can explain the scan.
         """
         measured = self._measured(range_m, bearing_rad)
         scan = checked_scan(self.config, measured, identity, covariance, class_index, signature)
@@ -328,14 +333,15 @@ class FastSlam:
             raise
         self._index_of.update(index_of)
         self._stamp_s = self._updated_s = stamp_s
-        return step_info(answer, self.config, self._unused.of_step(stamp_s, answer, self.config))
+        more = self._unused.of_step(stamp_s, answer, self.config)
+        return step_info(answer, self.config, self._told_noise, more)
 
 
-def step_info(answer: dict[str, Any], config: Config, more: tuple[str, ...] = ()) -> StepInfo:
-    """What the core says of a step, its codes as names; with `more` warnings."""
+def step_info(answer: dict[str, Any], config: Config, told: Told, more: tuple[str, ...] = ()) -> StepInfo:
+    """What the core says of a step, its codes as names; `told` are the warnings so far, `more` further ones."""
     answer["health"] = status_name(answer["health"])
     answer["health_reasons"] = reason_names(answer["health_reasons"])
-    answer["warnings"] = (*noise_sentences(answer["warnings"], config), *more)
+    answer["warnings"] = (*told.sentences(answer["warnings"], config), *more)
     return StepInfo(**answer)
 
 

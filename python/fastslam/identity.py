@@ -1,4 +1,4 @@
-"""What stands in a log, or comes from a detector, where nobody knows which landmark a sighting shows."""
+"""What stands in a log, or comes from a detector, where nobody knows landmark or class of a sighting."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ NOBODY_KNOWS = frozenset({"", "-1", "-1.0", "nan", "none", "null", "unknown"})
 
 
 def nobody_knows(text: str) -> bool:
-    """Whether an identity, as text, says that nobody knows it: `NOBODY_KNOWS` in any case, blanks aside."""
+    """Whether the text for an identity or a class is one of `NOBODY_KNOWS`, in any case, blanks aside."""
     return text.strip().lower() in NOBODY_KNOWS

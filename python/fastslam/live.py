@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from ._given import shown
 from .errors import DataError
+from .identity import nobody_knows
 from .log import Floats
 from .result import LandmarkMap
 from .robot import Robot
+from .scan_call import UnknownClassError
 from .window import Step
 
 if TYPE_CHECKING:
@@ -67,7 +69,7 @@ def _rounded(pose: Floats) -> list[float]:
 
 @dataclass
 class Faults:
-    """Lines that were no events: how many, and the first few with their number."""
+    """What was passed over: how many, and the first few with the number of their line."""
 
     count: int = 0
     shown: list[str] = field(default_factory=list)
@@ -88,6 +90,8 @@ class Session:
     robot: Robot
     rate_hz: float = 20.0
     faults: Faults = field(default_factory=Faults)
+    left_out: Faults = field(default_factory=Faults)
+    """Sightings of a class that is not configured."""
     lines: int = 0
     step: Step | None = None
     told_s: float = -math.inf
@@ -99,10 +103,13 @@ class Session:
         Errors: `DataError`, with the number of the line, for one that is no event; it is counted.
         """
         self.lines += 1
+        unknown: list[str] = []
         try:
-            steps = tell(self.robot, line)
+            steps = tell(self.robot, line, unknown)
         except DataError as error:
             raise DataError(self.faults.add(self.lines, str(error))) from None
+        for why in unknown:
+            self.left_out.add(self.lines, why)
         if steps:
             self.step = steps[-1]
         stamp_s = self.robot.stamp_s
@@ -196,11 +203,12 @@ def session_of(robot: Robot, *, rate_hz: float) -> Session:
     return Session(robot, rate_hz)
 
 
-def tell(robot: Robot, line: str) -> tuple[Step, ...]:
+def tell(robot: Robot, line: str, left_out: list[str] | None = None) -> tuple[Step, ...]:
     """Tells a robot one line: `{"t": 12.3, "odom": [...]}`, `{"t": 12.2, "see": [[r, b, "name"], ...]}`
     (with `"sensor": "rear"` where it has several), or a turn of its laser, `{"t": 12.2, "scan": [r, ...]}`.
 
-    Errors: `DataError` for a line that is no event; the robot is as it was.
+    Sightings of a class that is not among those configured are left out, and said in `left_out`. Errors:
+    `DataError` for a line that is no event; the robot is as it was.
     """
     if not line.strip():
         return ()
@@ -212,6 +220,17 @@ def tell(robot: Robot, line: str) -> tuple[Step, ...]:
         echoes = _beams("echo", event["echo"]) if "echo" in event else None
         return robot.scan(stamp_s, _beams("scan", event["scan"]), intensities=echoes)
     seen = [_sighting(entry) for entry in _list("see", event["see"])]
+    sensor = _sensor(event.get("sensor"))
+    try:
+        return _seen(robot, stamp_s, seen, sensor)
+    except UnknownClassError as error:
+        if left_out is not None:
+            left_out += [str(error)] * len(error.rows)
+        known = [one for row, one in enumerate(seen) if row not in error.rows]
+        return _seen(robot, stamp_s, known, sensor)
+
+
+def _seen(robot: Robot, stamp_s: float, seen: list[_Seen], sensor: str | None) -> tuple[Step, ...]:
     labels = [label for _, _, label in seen]
     named = robot.config["association"]["classes"] is None
     return robot.sightings(
@@ -220,7 +239,7 @@ def tell(robot: Robot, line: str) -> tuple[Step, ...]:
         bearing_rad=[bearing_rad for _, bearing_rad, _ in seen],
         identity=labels if named else None,
         class_name=None if named else labels,
-        sensor=_sensor(event.get("sensor")),
+        sensor=sensor,
     )
 
 
@@ -264,11 +283,17 @@ def _beams(key: str, value: object) -> list[float]:
     return turn
 
 
-def _sighting(entry: object) -> tuple[float, float, str | None]:
+_Seen = tuple[float, float, str | None]
+"""Range, bearing, and name or class of a sighting."""
+
+
+def _sighting(entry: object) -> _Seen:
     numbers_of = entry[:2] if isinstance(entry, list) and len(entry) in (2, 3) else None
     if numbers_of is None or any(isinstance(v, bool) or not isinstance(v, int | float) for v in numbers_of):
         raise DataError(f"see: got {shown(entry)}, expected [range_m, bearing_rad] or with a name or class")
     label = entry[2] if isinstance(entry, list) and len(entry) == 3 else None
+    if isinstance(label, int | float) and nobody_knows(str(label)):
+        label = None
     if label is not None and not isinstance(label, str):
         raise DataError(f"see: got {shown(label)}, expected a name or class as text")
     return float(numbers_of[0]), float(numbers_of[1]), label

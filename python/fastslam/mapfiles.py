@@ -17,6 +17,7 @@ from .csv_cells import guarded, unguarded
 from .datasets.csv_table import CsvTable, read_csv
 from .datasets.text import read_text
 from .errors import ConfigError, DataError
+from .identity import nobody_knows
 from .limits import OF_SETTINGS
 from .log import Floats, Ints
 from .maps import ROLES, Map, Role
@@ -190,7 +191,7 @@ def _roles(table: CsvTable, covariance: Floats) -> tuple[Role, ...]:
 
 
 def _classes(table: CsvTable) -> tuple[tuple[str, ...], Ints]:
-    texts = _texts(table, "class")
+    texts = ["" if nobody_knows(text) else text for text in _texts(table, "class")]
     names = tuple(sorted({text for text in texts if text}))
     return names, np.array([names.index(text) if text else -1 for text in texts], dtype=np.int64)
 

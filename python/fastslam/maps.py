@@ -85,11 +85,15 @@ class Map:
     @classmethod
     def of_result(cls, result: RunResult) -> Map:
         """The map of a run: its confirmed landmarks; role, note and names of a map it began with stay."""
-        landmarks = result.landmarks
-        kept = landmarks if landmarks.confirmed is None else select(landmarks, landmarks.confirmed)
         made_from = {"log": result.log_name, "version": result.version, "seed": result.config.get("seed")}
-        chart = replace(cls.of_landmarks(kept, name=result.log_name), made_from=made_from)
-        return chart if result.chart is None else chart._after(result.chart)
+        return cls.of_found(result.landmarks, result.chart, made_from)
+
+    @classmethod
+    def of_found(cls, landmarks: LandmarkMap, before: Map | None, made_from: dict[str, Any]) -> Map:
+        """As `of_result`, of landmarks that were found, perhaps in an older map; named after `log`."""
+        kept = landmarks if landmarks.confirmed is None else select(landmarks, landmarks.confirmed)
+        chart = replace(cls.of_landmarks(kept, name=made_from["log"]), made_from=made_from)
+        return chart if before is None else chart._after(before)
 
     def _after(self, before: Map) -> Map:
         """Takes over what an older map says of its landmarks beside their places."""

@@ -14,6 +14,29 @@ SMALLEST_SAID = 0.1
 """A factor below this is said to be below it: the log hardly tells what is right."""
 
 
+CHANGED = 0.2
+"""From this relative change of the advised value on, a warning is another one."""
+
+
+class Told:
+    """The last warning about each noise, which stays to the letter until its advice changes."""
+
+    def __init__(self, kept: Mapping[str, tuple[float, str]] | None = None) -> None:
+        self.kept = dict(kept or {})
+        """By the keys of the noise: how many times as large it should be, and the sentence."""
+
+    def sentences(self, warnings: Iterable[Mapping[str, Any]], config: Mapping[str, Any]) -> tuple[str, ...]:
+        """One for each warning of the core: as it was told before where hardly anything has changed."""
+        return tuple(self._told(warning, config) for warning in warnings)
+
+    def _told(self, warning: Mapping[str, Any], config: Mapping[str, Any]) -> str:
+        subject, scale = " ".join(warning["keys"]), warning["std_factor"] ** warning["power"]
+        before = self.kept.get(subject)
+        if before is None or abs(scale - before[0]) > CHANGED * before[0]:
+            before = self.kept[subject] = (scale, _sentence(warning, config))
+        return before[1]
+
+
 def noise_sentences(
     warnings: Iterable[Mapping[str, Any]],
     config: Mapping[str, Any],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import threading
 from collections import ChainMap
@@ -20,9 +21,11 @@ from .filter import checked_control, core_errors, landmark_map, step_info
 from .log import Floats, Log
 from .lost import Lost
 from .maps import Anywhere, Changes, Map, StartLike, changes, core_start
+from .noise import Told
 from .result import LandmarkMap, RunResult, Trajectory
 from .rows import Row
 from .scan_call import (
+    ClassName,
     Identity,
     checked_covariance,
     checked_scan,
@@ -164,6 +167,7 @@ class Robot:
         self._step = None
         self._lost = Lost()
         self._unused = Unused()
+        self._told = Told()
         self._refused = {}
         self._unexplained = 0
         self._ended = False
@@ -189,22 +193,24 @@ class Robot:
         range_m: ArrayLike | None = None,
         bearing_rad: ArrayLike | None = None,
         identity: Sequence[Identity] | None = None,
-        class_name: Sequence[str | None] | None = None,
+        class_name: Sequence[ClassName] | None = None,
         covariance: ArrayLike | None = None,
         signature: ArrayLike | None = None,
         sensor: str | None = None,
     ) -> tuple[Step, ...]:
         """Takes all that a sensor saw at one moment, in its frame; nothing at all is a scan too.
 
-        Shapes and errors as of `FastSlam.update`, but that a stamp that goes back is counted and no error;
-        `class_name` is None where there is none, `sensor` names one of several. `sensor.delay_s` is taken off
-        the stamp, as in a run.
+        Shapes and errors as of `FastSlam.update`, but that a stamp that goes back is counted and no error.
+        `class_name` is None, or a word such as `unknown`, where nobody knows it; `sensor` names one of
+        several. `sensor.delay_s` is taken off the stamp, as in a run.
         """
         by = sensor_number(self.config, sensor)
         stamp = self._when_seen(stamp_s, by)
         with self._lock:
             self._check_going_on()
-            new_classes, class_index = class_numbers(class_name, self._index_of_class)
+            classes = self.config["association"]["classes"]
+            limit = None if classes is None else classes["number"]
+            new_classes, class_index = class_numbers(class_name, self._index_of_class, limit)
             measured = measured_scan(self.config, self._adapter, range_m, bearing_rad)
             scan = checked_scan(self.config, measured, identity, covariance, class_index, signature)
             new_names = scan.new_names(self._index_of)
@@ -337,6 +343,20 @@ class Robot:
             return landmark_map(self._stream.map(), *self._names())
 
     @property
+    def map(self) -> Map:
+        """The map to keep if the drive ended here, as `RunResult.map`; the robot itself goes on.
+
+        A copy of it is ended: rows that wait are taken, landmarks that are there twice become one.
+        Errors: `DataError` while it is `searching`.
+        """
+        with self._lock:
+            self._check_found()
+            ended = copy.deepcopy(self)
+        ended.end()
+        made_from = {"log": "live", "version": _core.__version__, "seed": self.config["seed"]}
+        return Map.of_found(ended.landmarks, self._chart, made_from)
+
+    @property
     def changes(self) -> Changes | None:
         """What it found otherwise than its map says; None without one."""
         with self._lock:
@@ -415,6 +435,7 @@ class Robot:
                 lost_since_s=self._lost.since_s,
                 unused=self._unused.to_json(),
                 scanner=self._scanner,
+                told=self._told.kept or None,
             )
             return self._stream.save(kept)
 
@@ -435,6 +456,7 @@ class Robot:
         self._refused = kept.get("refused", {})
         self._lost = Lost(kept.get("lost_since_s"))
         self._unused = Unused.of_json(kept.get("unused"))
+        self._told = Told(kept.get("told"))
         self._scanner = tuple(kept["scanner"]) if "scanner" in kept else None
         if "chart" in kept:
             from .searching import chart_of_json, search_of_json
@@ -515,7 +537,7 @@ class Robot:
                 return tuple(steps)
             (stamp_s, mean, covariance), fields = answer
             unused = self._unused.of_step(stamp_s, fields, self.config)
-            info = step_info(fields, self.config, unused)
+            info = step_info(fields, self.config, self._told, unused)
             steps.append(Step(stamp_s, mean, symmetric(covariance), info))
 
     def _check_found(self) -> None:

@@ -21,7 +21,7 @@ from .errors import ConfigError, DataError, NumericalError
 from .filter import landmark_map, step_info
 from .log import Log
 from .maps import Map, StartLike, changes, core_start
-from .noise import noise_sentences
+from .noise import Told, noise_sentences
 from .result import RunResult, Steps, Trajectory
 from .sensor_checks import begun
 from .sensors import Sensor, own_layer
@@ -89,6 +89,19 @@ def detected(log: Log) -> Log:
         return with_sightings(log)
 
 
+def _check_classes(log: Log, config: Config) -> None:
+    """Errors: `DataError` that names the class of a sighting beyond those configured."""
+    classes, index = config["association"]["classes"], log.sightings.class_index
+    beyond = index[index >= classes["number"]] if classes is not None else index[:0]
+    if len(beyond) and beyond[0] < len(log.class_names):
+        known = ", ".join(log.class_names[: classes["number"]])
+        raise DataError(
+            f"class {log.class_names[beyond[0]]!r} of a sighting: expected one of {known} "
+            f"(association.classes.number is {classes['number']})",
+            log.source,
+        )
+
+
 def run(
     source: Log | Path | str,
     config: Layer | None = None,
@@ -131,6 +144,7 @@ def run(
     configuration = configure(log, config or {}, own_layer(sensor))
     if map is not None:
         refuse_several(configuration, "a kept map")
+    _check_classes(log, configuration)
     controls, (sightings, by) = log.controls, as_the_core_takes(log, configuration)
     given = Given.of(map, log)
     try:
@@ -238,7 +252,7 @@ def _watched(watch: Watch, config: Config, log: Log, given: Given) -> Callable[.
     def show(
         columns: dict[str, Any], step: dict[str, Any], stamp_s: float, pose: list[float], covariance: Any
     ) -> tuple[float, float]:
-        info = step_info({**step, "warnings": []}, config)
+        info = step_info({**step, "warnings": []}, config, Told())
         return watch(view_of(columns, names, (stamp_s, np.array(pose), np.array(covariance), info)))
 
     return show

@@ -22,6 +22,8 @@ from .sensors import Adapter
 Identity = str | float | None
 """Name or number (from 0) of a landmark; None, -1, NaN and some words where nobody says which one it is
 (`fastslam.identity.NOBODY_KNOWS`)."""
+ClassName = str | float | None
+"""Name of a class; None, -1, NaN and the same words where nobody knows it."""
 
 
 def checked_stamp(stamp_s: float) -> float:
@@ -40,21 +42,47 @@ def checked_covariance(covariance: ArrayLike) -> list[list[float]]:
 
 
 def class_numbers(
-    class_name: Sequence[str | None] | None, index_of: Mapping[str, int]
+    class_name: Sequence[ClassName] | None, index_of: Mapping[str, int], limit: int | None = None
 ) -> tuple[dict[str, int], list[int] | None]:
-    """Numbers for classes that are new, and that of each sighting. Errors: `DataError` for no names."""
+    """Numbers for classes that are new, and that of each sighting: -1 where nobody knows it.
+
+    `limit` is `association.classes.number`, None where classes are not configured.
+    Errors: `UnknownClassError` for names beyond it, `DataError` for what is none.
+    """
     if class_name is None:
         return {}, None
     if isinstance(class_name, str):
         raise DataError(f"class_name: got the text {class_name!r}, expected one name per sighting")
+    names = [_class_name(name) for name in class_name]
     new: dict[str, int] = {}
-    for name in class_name:
-        if not isinstance(name, str | None):
-            raise DataError(f"class_name: got {shown(name)}, expected a name or None")
+    for name in names:
         if name is not None and name not in index_of:
             new.setdefault(name, len(index_of) + len(new))
     known = {**index_of, **new}
-    return new, [-1 if name is None else known[name] for name in class_name]
+    if limit is not None and any(known[name] >= limit for name in names if name is not None):
+        raise UnknownClassError(known, limit, names)
+    return new, [-1 if name is None else known[name] for name in names]
+
+
+class UnknownClassError(DataError):
+    """Classes of sightings that are none of those configured: `rows` says of which sightings."""
+
+    def __init__(self, index_of: Mapping[str, int], limit: int, names: Sequence[str | None]) -> None:
+        self.rows = [row for row, name in enumerate(names) if name is not None and index_of[name] >= limit]
+        known = ", ".join(name for name, index in index_of.items() if index < limit)
+        super().__init__(
+            f"class_name: got {shown(names[self.rows[0]])}, expected one of {known}, or None for unknown "
+            f"(association.classes.number is {limit})"
+        )
+
+
+def _class_name(name: object) -> str | None:
+    """A class as text; None where nobody knows it."""
+    if name is None or (isinstance(name, str | float | int | np.number) and nobody_knows(str(name))):
+        return None
+    if not isinstance(name, str):
+        raise DataError(f"class_name: got {shown(name)}, expected a name, or None for unknown")
+    return name
 
 
 def measured_scan(
@@ -143,7 +171,11 @@ def column(name: str, values: ArrayLike) -> Floats:
 
 
 def _classes(class_index: ArrayLike) -> Ints:
-    classes = column("class_index", class_index)
+    given = class_index
+    if isinstance(given, Sequence) and not isinstance(given, str):
+        given = [-1 if one is None or nobody_knows(str(one)) else one for one in given]
+    classes = column("class_index", given)
+    classes[np.isnan(classes)] = -1.0
     if not (
         np.isfinite(classes) & (classes == np.round(classes)) & (classes >= -1) & (classes < 2**32)
     ).all():

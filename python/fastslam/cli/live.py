@@ -17,7 +17,7 @@ from ..errors import ConfigError, DataError
 from .console import stderr
 from .options import ConfigFile, Settings, StartPose, StartStd, start_given
 from .output import LogReference, write_log_reference
-from .run import NoReport, prepare_folder
+from .run import MapOut, NoReport, prepare_folder
 from .watch import DEFAULT_PORT, Watching, WatchPort, watched
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ def live_stream(
     scanner: Laser = None,
     checkpoint: State = None,
     out: Out = None,
+    map_out: MapOut = None,
     no_report: NoReport = False,
     watch: Watching = False,
     watch_port: WatchPort = DEFAULT_PORT,
@@ -73,7 +74,8 @@ def live_stream(
     {"t": 12.21, "see": [[7.2, 0.31, "blue"], [9.0, -0.2]]} what was seen at 12.21: range, bearing, and
     class where association.classes is configured, else name. With --scanner,
     {"t": 12.25, "scan": [3.2, null, ..]} is a turn of the laser, a range per beam, in which landmarks are
-    detected. Lines that are none of these are counted and reported.
+    detected. Lines that are none of these are counted and reported, and so are sightings of a class that
+    is none of --classes; null or a word such as "unknown" says that nobody knows it.
 
     tcp:PORT listens on this machine only, and ends when the sender closes. The end of the input, Ctrl-C and
     SIGTERM keep the state in --checkpoint, from which the same command goes on.
@@ -81,6 +83,8 @@ def live_stream(
     With --map the robot drives in a map that was kept, whose landmarks are what their roles say. With
     --start anywhere it is searched for there: until one place is sure, health is `searching`, there is no
     pose, and `modes` are the places that are likely.
+
+    --map-out keeps the map when the stream ends or is stopped: after a lap, some 30 m behind the line.
 
     --out leaves the files of a run over all that came, and that as a log, when the stream ends or is stopped.
 
@@ -126,6 +130,8 @@ def live_stream(
         _finish(session, checkpoint)
         if watcher is not None and robot.last_step is not None:
             watcher.show(robot.view(robot.last_step))
+    if map_out is not None:
+        _write_map(session, map_out)
     if folder is not None:
         _write_results(session, folder, report=not no_report)
     if interrupted:
@@ -134,6 +140,7 @@ def live_stream(
 
 
 def _pump(session: Session, lines: Iterator[str], watcher: Watcher | None) -> None:
+    shown = 0
     for line in lines:
         try:
             estimate = session.take(line)
@@ -141,6 +148,9 @@ def _pump(session: Session, lines: Iterator[str], watcher: Watcher | None) -> No
             if session.faults.count <= 10:
                 stderr().print(f"passed over: {error}", markup=False, highlight=False, soft_wrap=True)
             continue
+        for why in session.left_out.shown[shown:]:
+            stderr().print(f"left out: {why}", markup=False, highlight=False, soft_wrap=True)
+        shown = len(session.left_out.shown)
         if estimate is not None:
             _write(estimate.to_line())
         if watcher is not None and session.robot.last_step is not None and watcher.is_due():
@@ -157,9 +167,18 @@ def _finish(session: Session, checkpoint: Path | None) -> None:
     refused = {key: count for key, count in session.robot.counts.items() if count and key != "waiting"}
     if session.faults.count:
         refused["lines that are no events"] = session.faults.count
+    if session.left_out.count:
+        refused["sightings of a class that is not configured"] = session.left_out.count
     if refused:
         what = ", ".join(f"{count:,} {key}" for key, count in refused.items())
         stderr().print(f"passed over in all: {what}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _write_map(session: Session, folder: Path) -> None:
+    if session.robot.searching:
+        raise DataError("the robot was not found in its map: there is none to keep", folder)
+    written = session.robot.map.save(folder)
+    stderr().print(f"map: {written}", markup=False, highlight=False, soft_wrap=True)
 
 
 def _write_results(session: Session, folder: Path, *, report: bool) -> None:

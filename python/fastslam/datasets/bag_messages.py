@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..identity import NOBODY_KNOWS
 from ..log import Floats
 
 POINTS = (
@@ -29,7 +30,7 @@ BEARINGS = ("bearing", "yaw", "angle", "bearing_rad")
 CLASSES = ("color", "colour", "class_id", "class_name", "label", "type")
 IDENTITIES = ("id", "landmark_id", "tag_id", "marker_id", "identity")
 COLOURS = ("blue", "yellow", "orange", "big_orange", "small_orange", "unknown", "red", "green", "white")
-NOBODY = ("", "unknown", "none", "other")
+NOBODY = NOBODY_KNOWS | {"other"}
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,7 @@ def sightings_of(
     sensor_index, sensor_names = _sensors(table, sensors)
     cartesian = _is_cartesian(table, measures=measures)
     identity, identity_names = _named(*_labels(table, "landmark_id"))
-    class_index, class_names = _labels(table, "class")
+    class_index, class_names = _named(*_labels(table, "class"))
     signature: Floats = np.full(len(table.lines), np.nan)
     if "signature" in table.index_of:
         signature = table.numbers("signature", empty=float("nan"))
@@ -165,7 +165,7 @@ def _sensors(table: CsvTable, known: Collection[str]) -> tuple[Ints | None, tupl
 
 
 def _named(indices: Ints, names: tuple[str, ...]) -> tuple[Ints, tuple[str, ...]]:
-    """Identities without those words that say that nobody knows."""
+    """Identities or classes without those words that say that nobody knows."""
     known = [not nobody_knows(name) for name in names]
     new_index = np.append(np.where(known, np.cumsum(known) - 1, -1), -1).astype(np.int64)
     return new_index[indices], tuple(name for name, is_known in zip(names, known, strict=True) if is_known)
