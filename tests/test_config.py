@@ -10,10 +10,14 @@ from typing import Any
 
 import pytest
 import yaml
+from fastslam import run, run_many
 from fastslam.config import Config, explain, load_config, merge, parse_assignments, schema, sensor_of
 from fastslam.detection import configure_detector
 from fastslam.errors import ConfigError
 from fastslam.limits import OF_SETTINGS
+from fastslam.opinion import run_by_need
+from fastslam.simulation import simulate
+from fastslam.tuning.doctor import diagnose
 
 
 def message_of(action: Callable[[], Any]) -> str:
@@ -36,6 +40,25 @@ def test_later_layers_win_and_others_stay() -> None:
     assert config["filter"]["particles"] == 11
     assert config["seed"] == 5
     assert config["filter"]["resampling"] == Config.resolve()["filter"]["resampling"]
+
+
+def test_a_file_is_a_layer_by_its_path(tmp_path: Path) -> None:
+    path = write(tmp_path, "filter:\n  particles: 7\nseed: 3\n")
+    for layer in (path, str(path)):
+        config = Config.resolve({"filter": {"particles": 5}}, layer, {"seed": 4})
+        assert (config["filter"]["particles"], config["seed"]) == (7, 4)
+        assert merge(layer, {"seed": 4}) == {"filter": {"particles": 7}, "seed": 4}
+    assert "nothing.yaml" in message_of(partial(Config.resolve, tmp_path / "nothing.yaml"))
+    wrong = write(tmp_path, "filter:\n  partikles: 7\n")
+    assert message_of(partial(Config.resolve, wrong)).startswith(f"{wrong}:2: filter.partikles: unknown key")
+
+
+def test_runs_take_a_file_of_settings(tmp_path: Path) -> None:
+    path = write(tmp_path, "filter:\n  particles: 7\n")
+    log = simulate({"seed": 1, "world": {"count": 20}, "max_duration_s": 5.0})
+    results = [run(log, path), *run_many(log, str(path), seeds=[2]), run_by_need(log, path)]
+    assert [result.config["filter"]["particles"] for result in results] == [7, 7, 7]
+    assert diagnose(log, path).questions == diagnose(log).questions
 
 
 def test_merge_leaves_its_arguments_alone() -> None:

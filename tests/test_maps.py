@@ -196,6 +196,24 @@ def test_what_is_new_and_what_is_gone_is_told(made: tuple[Log, RunResult]) -> No
     assert len(found.lines()) == 2
 
 
+def test_what_was_sighted_by_its_name_is_not_gone() -> None:
+    log = _log()
+    full = run(log, {"filter": {"particles": 20}}).map
+    names = full.landmarks.ids
+    before, now = names[2], names[3]
+    # Sighted three times in hundreds of scans in which a sensor without a limit would have it in view.
+    rare = np.flatnonzero(log.sightings.identity == log.identity_names.index(before))[3:]
+    kept = np.setdiff1d(np.arange(len(log.sightings.stamp_s)), rare)
+    columns = {name: None if value is None else value[kept] for name, value in vars(log.sightings).items()}
+    drive = replace(log, sightings=replace(log.sightings, **columns))
+    renamed = replace(full.landmarks, ids=tuple("gate" if name == now else name for name in names))
+    settings = {"filter": {"particles": 20}, "sensor": {"max_range_m": 100.0, "field_of_view_rad": 6.28}}
+    found = run(drive, settings, map=replace(full.with_role("fixed"), landmarks=renamed)).changes
+    assert found is not None and not found.gone and not found.new
+    assert found.renamed == ((now, "gate"),)
+    assert found.lines() == [f"{now} stands where gate stands: renamed?"]
+
+
 def test_a_stopped_run_in_a_map_goes_on_and_not_in_another(
     made: tuple[Log, RunResult], tmp_path: Path
 ) -> None:

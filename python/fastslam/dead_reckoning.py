@@ -17,7 +17,7 @@ from .datasets.planar import chain_increments, increments_between
 from .errors import ConfigError, DataError
 from .log import Controls, Floats, Log
 from .runner import configure, run
-from .settings import Layer
+from .settings import Partial
 
 BY_ROWS = ("increments",)
 """Motion models whose controls are the stretches themselves."""
@@ -109,7 +109,7 @@ def _path(stamp_s: Floats, increments: Floats, covariance: Floats) -> GraphPath:
 class DeadReckoning:
     """Poses by the odometry alone, as it stands or with other gains; the last few paths are kept."""
 
-    def __init__(self, controls: Controls, motion: Layer) -> None:
+    def __init__(self, controls: Controls, motion: Partial) -> None:
         self._controls = controls
         self._motion = motion
         self._paths: dict[tuple[float, float], tuple[Floats, Floats]] = {}
@@ -144,7 +144,7 @@ def _with_gains(controls: Controls, speed: float, turn: float) -> Controls:
     return replace(controls, values=controls.values * np.array(gains))
 
 
-def arc_twists(controls: Controls, motion: Layer) -> Floats:
+def arc_twists(controls: Controls, motion: Partial) -> Floats:
     """Velocities of the robot from each control until the next, whose arcs end where the rows say.
 
     Shapes: (C, 3) as forward and left in m/s, turn in rad/s; gains and biases of `motion` are applied.

@@ -249,7 +249,9 @@ def core_start(start: StartLike) -> _core._Start | None:
 MISSED = 10
 """A landmark is gone that was in view in so many scans at least,"""
 GONE_FRACTION = 0.05
-"""and sighted in at most this fraction of them."""
+"""and sighted in at most this fraction of them; in none where sightings name it."""
+SAME_PLACE_M = 0.05
+"""Landmarks this close to each other stand at one place, however well they are known."""
 
 
 @dataclass(frozen=True)
@@ -259,39 +261,75 @@ class Changes:
     new: tuple[str, ...]
     """Confirmed landmarks that the map lacks."""
     gone: tuple[str, ...]
-    """Landmarks of the map that were in view again and again and hardly sighted."""
+    """Landmarks of the map that were in view again and again and hardly sighted, and never by their name."""
     sighted: int
     """Landmarks of the map that were sighted at least once."""
+    renamed: tuple[tuple[str, str], ...] = ()
+    """What would be new and gone, but stands at one place: the name it goes by now, and that of the map."""
 
     def lines(self) -> list[str]:
-        """A sentence each for what is new and what is gone."""
+        """A sentence each for what is new, what is gone and what has another name."""
         found = [("new", self.new), ("gone", self.gone)]
-        return [
+        lines = [
             f"{len(names)} {what}: {', '.join(names[:20])}{' ...' if len(names) > 20 else ''}"
             for what, names in found
             if names
         ]
+        return [*lines, *(f"{now} stands where {before} stands: renamed?" for now, before in self.renamed)]
 
 
-def changes(landmarks: LandmarkMap, chart: Map, columns: dict[str, np.ndarray]) -> Changes:
-    """What the core's counts of sightings and of misses in view say of a map."""
+def changes(
+    landmarks: LandmarkMap, chart: Map, columns: dict[str, np.ndarray], config: Mapping[str, Any]
+) -> Changes:
+    """What the core's counts of sightings and of misses in view say of a map.
+
+    With names that are trusted, what was sighted by its name is not gone, however seldom that was.
+    """
     known = set(chart.landmarks.ids)
     confirmed = (
         np.ones(len(landmarks.ids), dtype=bool) if landmarks.confirmed is None else landmarks.confirmed
     )
     sighted, missed = columns["given_sighted"], columns["given_missed"]
-    gone = (missed >= MISSED) & (sighted <= GONE_FRACTION * (sighted + missed))
+    most = 0.0 if config["association"]["mode"] == "known" else GONE_FRACTION
+    gone = (missed >= MISSED) & (sighted <= most * (sighted + missed))
     held = set(landmarks.ids)
+    new = [name for name, sure in zip(landmarks.ids, confirmed, strict=True) if sure and name not in known]
+    lacking = [
+        *(name for name, off in zip(landmarks.ids, gone, strict=True) if off and name in known),
+        *(name for name in chart.landmarks.ids if name not in held),
+    ]
+    renamed = _renamed(landmarks, new, chart.landmarks, lacking)
+    now, before = {pair[0] for pair in renamed}, {pair[1] for pair in renamed}
     return Changes(
-        new=tuple(
-            name for name, sure in zip(landmarks.ids, confirmed, strict=True) if sure and name not in known
-        ),
-        gone=(
-            *(name for name, off in zip(landmarks.ids, gone, strict=True) if off and name in known),
-            *(name for name in chart.landmarks.ids if name not in held),
-        ),
+        new=tuple(name for name in new if name not in now),
+        gone=tuple(name for name in lacking if name not in before),
         sighted=int(np.sum(sighted > 0)),
+        renamed=renamed,
     )
+
+
+def _renamed(
+    ours: LandmarkMap, new: Sequence[str], theirs: LandmarkMap, gone: Sequence[str]
+) -> tuple[tuple[str, str], ...]:
+    """Which new names stand where names that are gone do, as closely as both are known; running ones are none."""
+    pairs: list[tuple[str, str]] = []
+    for name in new:
+        if _RUNNING_NUMBER.fullmatch(name):
+            continue
+        row = ours.ids.index(name)
+        taken = {before for _, before in pairs}
+        rows = [theirs.ids.index(other) for other in gone if other not in taken]
+        close = [(apart, other) for other in rows if (apart := _closeness(ours, row, theirs, other)) <= 1.0]
+        if close:
+            pairs.append((name, theirs.ids[min(close)[1]]))
+    return tuple(pairs)
+
+
+def _closeness(ours: LandmarkMap, row: int, theirs: LandmarkMap, other: int) -> float:
+    """How far two landmarks are apart, as a part of how far one may be from itself."""
+    spread = ours.covariance_m2[row] + theirs.covariance_m2[other]
+    limit_m = 3.0 * math.sqrt(0.5 * float(np.trace(spread))) + SAME_PLACE_M
+    return float(np.linalg.norm(ours.mean_m[row] - theirs.mean_m[other])) / limit_m
 
 
 def merge(maps: Sequence[Map | Path | str]) -> Merged:
@@ -362,10 +400,12 @@ def oddities(chart: Map) -> list[str]:
     lines = []
     if len(chart.role) >= 2:
         variance = 0.5 * np.trace(landmarks.covariance_m2, axis1=1, axis2=2)
-        pairs = cKDTree(landmarks.mean_m).query_pairs(float(2.0 * np.sqrt(2.0 * variance.max()) + 0.05))
+        pairs = cKDTree(landmarks.mean_m).query_pairs(
+            float(2.0 * np.sqrt(2.0 * variance.max()) + SAME_PLACE_M)
+        )
         for a, b in sorted(pairs):
             apart_m = float(np.linalg.norm(landmarks.mean_m[a] - landmarks.mean_m[b]))
-            if apart_m <= 2.0 * math.sqrt(float(variance[a] + variance[b])) + 0.05:
+            if apart_m <= 2.0 * math.sqrt(float(variance[a] + variance[b])) + SAME_PLACE_M:
                 lines.append(f"{landmarks.ids[a]} and {landmarks.ids[b]} may be one: {apart_m:.2f} m apart")
     unlikely = [name for name, odds in zip(landmarks.ids, chart.existence, strict=True) if odds < 0.5]
     return [*lines, *(f"{name} exists with less than even odds" for name in unlikely)]

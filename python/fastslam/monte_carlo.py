@@ -9,6 +9,7 @@ from typing import Any
 from .errors import DataError
 from .evaluation import Consistency, EvaluationOptions, run_consistency, summarize_consistency
 from .log import Log
+from .config import merge
 from .runner import run
 from .settings import Layer
 from .simulation import resolve_simulation, simulate
@@ -41,7 +42,7 @@ def monte_carlo(
     runs = []
     for done, seed in enumerate(seeds, start=1):
         log = log_of(seed)
-        found = run_consistency(run(log, {**config, "seed": seed}), log, options=options)
+        found = run_consistency(run(log, merge(config, {"seed": seed})), log, options=options)
         if found is None:
             raise DataError("consistency needs a true path that the run covers", log.source)
         runs.append(found)

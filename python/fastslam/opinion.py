@@ -22,6 +22,7 @@ from .evaluation.align import RigidTransform
 from .evaluation.constellation import find_transform, refine_transform
 from .log import Floats, Log
 from .result import LandmarkMap, RunResult, Trajectory, Try
+from .config import merge
 from .runner import Progress, configure, detected, run, run_many
 from .sensors import Sensor
 from .settings import Layer
@@ -209,14 +210,14 @@ def _beside(
 
     def beside() -> list[RunResult]:
         try:
-            return [run(log, {**(config or {}), "seed": seed + 1}, progress=unless_stopped)]
+            return [run(log, merge(config or {}, {"seed": seed + 1}), progress=unless_stopped)]
         except FastSlamError:
             return []
 
     with ThreadPoolExecutor(1) as pool:
         second = pool.submit(beside)
         try:
-            first = run(log, {**(config or {}), "seed": seed}, progress=progress, watch=watch)
+            first = run(log, merge(config or {}, {"seed": seed}), progress=progress, watch=watch)
             return [first] if first.interrupted else [first, *second.result()]
         except KeyboardInterrupt:
             # The first has ended, or it would have returned; the second ends where it is.

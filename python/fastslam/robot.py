@@ -37,7 +37,7 @@ from .scan_call import (
 from .scanner import Scanner, checked_turn
 from .sensor_checks import begun
 from .sensors import Sensor, adapted, own_layer
-from .settings import Layer
+from .settings import Layer, Partial
 from .several import each_sensor, refuse_several, sensor_number
 from .unused import Unused
 from .window import Step as Step
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from .watching import View
 
 
-LIVE: Layer = {"filter": {"rejuvenation": {"delay_scans": 10}}}
+LIVE: Partial = {"filter": {"rejuvenation": {"delay_scans": 10}}}
 """What a robot sets otherwise than the defaults: no step waits for a draw of paths."""
 
 
@@ -361,7 +361,10 @@ class Robot:
         """What it found otherwise than its map says; None without one."""
         with self._lock:
             self._check_found()
-            return None if self._chart is None else changes(self.landmarks, self._chart, self._stream.map())
+            chart = self._chart
+            if chart is None:
+                return None
+            return changes(self.landmarks, chart, self._stream.map(), self.config)
 
     def view(self, step: Step) -> View:
         """What a page that watches draws: what is known now, with the last step that was computed."""

@@ -25,7 +25,7 @@ from .noise import Told, noise_sentences
 from .result import RunResult, Steps, Trajectory
 from .sensor_checks import begun
 from .sensors import Sensor, own_layer
-from .settings import Layer
+from .settings import Layer, Partial
 from .several import as_the_core_takes, refuse_several
 from .timing import stage
 from .verdict import judged, named_twice
@@ -48,7 +48,7 @@ def configure(log: Log, *layers: Layer) -> Config:
 
     Errors: `ConfigError`; for the log's own settings the message names the log.
     """
-    own: Layer = own_settings(log)
+    own: Partial = own_settings(log)
     check_own_settings(log)
     if "association" in own and merge(own, *layers).get("algorithm") == "ekf":
         kept = {key: value for key, value in own["association"].items() if key in EKF_ASSOCIATION}
@@ -214,7 +214,7 @@ def run_many(
 
         result = run(
             log,
-            {**(config or {}), "seed": seed},
+            merge(config or {}, {"seed": seed}),
             progress=advance,
             checkpoints=checkpoints,
             watch=watch if number == 0 else None,
@@ -273,7 +273,7 @@ def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -
         smoothed=Trajectory(columns["smoothed_stamp_s"], columns["smoothed_T_world_robot"]),
         landmarks=landmarks,
         chart=given.chart,
-        changes=None if given.chart is None else changes(landmarks, given.chart, columns["map"]),
+        changes=None if given.chart is None else changes(landmarks, given.chart, columns["map"], config),
         steps=Steps(**columns["steps"]),
         filter_seconds=columns["filter_seconds"],
         peak_memory_bytes=peak_memory_bytes(),

@@ -12,7 +12,7 @@ from .answers import Given, checked, in_one_line, read_only, shape_text
 from .errors import ModelError
 from .log import Floats
 from .measured import BOTH
-from .settings import Layer
+from .settings import Partial
 
 MEASURES = (("range_m",), ("bearing_rad",), BOTH)
 """Columns of sightings that may hold the numbers of a sensor."""
@@ -198,6 +198,6 @@ def adapted(sensor: Sensor | None) -> Adapter | None:
     return None if sensor is None else Adapter(sensor)
 
 
-def own_layer(sensor: object | None) -> Layer:
+def own_layer(sensor: object | None) -> Partial:
     """The setting that a filter is for a sensor of one's own, where there is one."""
     return {} if sensor is None else {"sensor": {"model": "own"}}

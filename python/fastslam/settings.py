@@ -15,10 +15,12 @@ from ._hints import does_not_exist, in_plain_words
 from ._json_schema import KeyInfo, discriminators, flatten, suggestion
 from .errors import ConfigError
 
-__all__ = ["KeyInfo", "Layer", "Schema", "Settings"]
+__all__ = ["KeyInfo", "Layer", "Partial", "Schema", "Settings"]
 
-Layer: TypeAlias = Mapping[str, Any]
+Partial: TypeAlias = Mapping[str, Any]
 """Partial settings: nested mappings as they stand in a file."""
+Layer: TypeAlias = Partial | Path | str
+"""Partial settings, or the path of a YAML file that has them."""
 
 
 RENAMED = {
@@ -91,14 +93,24 @@ class Schema:
 
         Errors: `ConfigError`, its message starting with the dotted key.
         """
-        for layer in layers:
-            if not isinstance(layer, Mapping):
-                example = '{"filter": {"particles": 50}}'
-                raise ConfigError(f"settings: got {layer!r}, expected keys and values such as {example}")
+        read = [self.read_layer(layer) for layer in layers]
+        for layer in read:
             _refuse_unwritable(layer)
             for key in _leaf_keys(layer):
                 self._refuse_unknown(key)
-        return Settings(self._complete(self.merge(self._defaults, *layers)), self)
+        return Settings(self._complete(self.merge(self._defaults, *read)), self)
+
+    def read_layer(self, layer: Layer) -> Partial:
+        """The settings of a layer, read where it is the path of a file. Errors: as `load`."""
+        is_assignment = isinstance(layer, str) and "=" in layer and not Path(layer).exists()
+        if isinstance(layer, Path | str) and not is_assignment:
+            return self.load(layer)
+        if not isinstance(layer, Mapping):
+            example = '{"filter": {"particles": 50}}'
+            raise ConfigError(
+                f"settings: got {layer!r}, expected keys and values such as {example}, or a YAML file"
+            )
+        return layer
 
     def load(self, path: Path | str) -> dict[str, Any]:
         """Reads partial settings from a YAML file.
@@ -147,11 +159,11 @@ class Schema:
         """Lays partial settings over each other: later values win, mappings merge key by key.
 
         A section whose kind changes (`motion.model`, say) is replaced whole, for the parameters of one model
-        mean nothing to another.
+        mean nothing to another. A layer that is the path of a YAML file is read.
         """
         merged: dict[str, Any] = {}
         for layer in layers:
-            merged = self._overlay(merged, layer, ())
+            merged = self._overlay(merged, self.read_layer(layer), ())
         return merged
 
     def explain(self, key: str | None = None) -> tuple[KeyInfo, ...]:
@@ -166,7 +178,7 @@ class Schema:
             self._refuse_unknown(key)
         return chosen
 
-    def _complete(self, layer: Layer) -> dict[str, Any]:
+    def _complete(self, layer: Partial) -> dict[str, Any]:
         try:
             resolved: dict[str, Any] = json.loads(self._resolve_json(json.dumps(layer)))
         except ValueError as error:
@@ -197,7 +209,7 @@ class Schema:
         hint = f"did you mean {nearest}?" if nearest else f"see `{self._explained_by}`"
         raise ConfigError(f"{where}{key}: unknown key; {hint}")
 
-    def _overlay(self, below: Layer, above: Layer, path: tuple[str, ...]) -> dict[str, Any]:
+    def _overlay(self, below: Partial, above: Partial, path: tuple[str, ...]) -> dict[str, Any]:
         kind_key = self._discriminators.get(path, "")
         other_kind = kind_key in above and kind_key in below and above[kind_key] != below[kind_key]
         merged = {} if other_kind else dict(below)
@@ -229,7 +241,7 @@ def _deep_copy(value: Any) -> Any:
     return list(value) if isinstance(value, list | tuple) else value
 
 
-def _leaf_keys(layer: Layer, prefix: str = "") -> Iterator[str]:
+def _leaf_keys(layer: Partial, prefix: str = "") -> Iterator[str]:
     """Dotted keys of everything that is not a mapping; an empty mapping counts as its own leaf."""
     for key, value in layer.items():
         dotted = f"{prefix}{key}"
@@ -268,7 +280,7 @@ def _parse(text: str, where: str) -> tuple[Any, dict[str, int]]:
         raise ConfigError(f"{where}{line}: {error.message}") from None
 
 
-def _commented(section: Layer, path: tuple[str, ...], descriptions: Mapping[str, str]) -> Iterator[str]:
+def _commented(section: Partial, path: tuple[str, ...], descriptions: Mapping[str, str]) -> Iterator[str]:
     from ._yaml import write_yaml
 
     indent = "  " * len(path)

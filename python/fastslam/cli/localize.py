@@ -164,7 +164,9 @@ def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, A
             {"T_map_robot": mode.T_map_robot.tolist(), "probability": mode.probability}
             for mode in found.modes
         ],
-        "changes": None if changes is None else {"new": changes.new, "gone": changes.gone},
+        "changes": None
+        if changes is None
+        else {"new": changes.new, "gone": changes.gone, "renamed": changes.renamed},
         "results": None if written is None else str(written[0]),
         "metrics": None if written is None else written[1],
     }

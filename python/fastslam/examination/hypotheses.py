@@ -8,7 +8,7 @@ import numpy as np
 
 from ..dead_reckoning import DeadReckoning
 from ..log import Floats, Sightings
-from ..settings import Layer
+from ..settings import Partial
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Places:
 
 
 def places(
-    sightings: Sightings, sensor: Layer, reckoning: DeadReckoning, hypothesis: Hypothesis = AS_IS
+    sightings: Sightings, sensor: Partial, reckoning: DeadReckoning, hypothesis: Hypothesis = AS_IS
 ) -> Places:
     """Where the robot was and what it saw, if the hypothesis is true and the odometry without noise.
 

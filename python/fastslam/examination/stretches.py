@@ -13,7 +13,7 @@ import numpy as np
 from ..datasets.clean import select_sightings
 from ..dead_reckoning import DeadReckoning
 from ..log import Floats, Ints, Sightings
-from ..settings import Layer
+from ..settings import Partial
 from .hypotheses import AS_IS, Hypothesis, Places, places
 
 LAGS = (1, 2, 4, 8, 16)
@@ -99,7 +99,7 @@ class Bench:
     """Where hypotheses are tried out on the questions of a log; `sensor` holds complete settings."""
 
     sightings: Sightings
-    sensor: Layer
+    sensor: Partial
     reckoning: DeadReckoning
     asked: Stretches
 
@@ -119,7 +119,7 @@ class Bench:
         return Trial(np.minimum(nearest, CUT) / CUT, _expected(asked, seen), noise_m)
 
 
-def sighting_noise_m(sightings: Sightings, sensor: Layer) -> tuple[Floats, Floats]:
+def sighting_noise_m(sightings: Sightings, sensor: Partial) -> tuple[Floats, Floats]:
     """Standard deviations (S,) of each sighting along and across the line of sight."""
     range_m = sightings.range_m
     along = np.hypot(sensor["range_std_m"], NOISE_FLOOR * range_m)

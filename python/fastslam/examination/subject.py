@@ -13,7 +13,7 @@ from ..dead_reckoning import DeadReckoning
 from ..detection import with_sightings
 from ..errors import FastSlamError
 from ..log import Floats, Log
-from ..settings import Layer
+from ..settings import Layer, Partial
 from ..several import as_of_one
 from .evidence import Explanation, explain
 from .stretches import Bench, Trial, only_used, stretches
@@ -24,7 +24,7 @@ class Subject:
     """A log under examination. `log` has sightings where it has scans; `config` holds complete settings."""
 
     log: Log
-    config: Layer
+    config: Partial
 
     @property
     def motion_model(self) -> str:

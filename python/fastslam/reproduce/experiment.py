@@ -17,10 +17,10 @@ from ..errors import FastSlamError
 from ..evaluation import MetricSummary
 from ..plots import house_style, render
 from ..resultfiles import write_atomically
-from ..settings import Layer
+from ..settings import Partial
 from ..sweep import Group, Progress, ResultStore, SweepSpec, group_rows, sweep_cells
 
-PLAIN: Layer = {"filter": {"rejuvenation": {"every_steps": 0}}}
+PLAIN: Partial = {"filter": {"rejuvenation": {"every_steps": 0}}}
 """The filter of the papers, which never draws paths anew."""
 
 

@@ -21,12 +21,12 @@ from ..log import BeamGeometry, Controls, Floats, Log, Scans, Sightings, TruthLa
 from ..plots import new_figure, plot_map
 from ..result import RunResult
 from ..runner import run
-from ..settings import Layer
+from ..settings import Partial
 from .experiment import Claim, Scale, interval
 
 PARTICLES = 10
 # The paper of 2002 never removes a landmark.
-_SETTINGS: Layer = {
+_SETTINGS: Partial = {
     "filter": {"particles": PARTICLES},
     "association": {"existence": {"removal": "never"}},
 }

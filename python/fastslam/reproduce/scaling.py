@@ -13,7 +13,7 @@ from ..datasets.native_write import write_native
 from ..log import Controls, Log, Sightings
 from ..plots import new_figure, style
 from ..result import RunResult
-from ..settings import Layer
+from ..settings import Partial
 from ..sweep import Group, SimulatedLog, StoredLog, SweepSpec
 from .experiment import PLAIN, Claim, Scale
 
@@ -23,7 +23,7 @@ BUDGET_S, BUDGET_BYTES = 0.1, 8e9
 """Usable: a step of 8 sightings keeps up with 10 Hz, and the map fits into 8 GB."""
 PARTICLES = 100
 
-_METHODS: dict[str, tuple[Layer, str, str]] = {
+_METHODS: dict[str, tuple[Partial, str, str]] = {
     "EKF-SLAM": ({"algorithm": "ekf"}, style.INK, "s"),
     "dense": ({"filter": {"store": "dense"}}, style.LANDMARK, "o"),
     "tree (the paper's)": ({"filter": {"store": "tree"}}, style.SMOOTHED, "o"),

@@ -72,7 +72,7 @@ class SweepSpec:
 
         Values are checked where a cell runs: what they may be can depend on the log's own settings.
         """
-        for key in [*self.grid, *_leaf_keys(self.config)]:
+        for key in [*self.grid, *_leaf_keys(merge(self.config))]:
             explain(key)
         return list(self._cells())
 

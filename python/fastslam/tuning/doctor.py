@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..config import merge
 from ..detection import detected_in_scans
 from ..examination import examine
 from ..examination.evidence import READINGS
@@ -74,7 +75,7 @@ def diagnose(log: Log, config: Layer | None = None) -> Diagnosis:
     `config` is laid over the log's own settings. The log-odds are those of the sightings of one moment, moved
     by the odometry, against what is seen a moment later. Errors: ConfigError for `config`.
     """
-    refuse_several({**log.config, **(config or {})}, "doctor")
+    refuse_several(merge(log.config, config or {}), "doctor")
     findings = examine(log, config)
     if any(finding.severity == "error" for finding in findings) or len(log.controls.stamp_s) < 2:
         return Diagnosis((), findings, 0)
