@@ -19,6 +19,7 @@ from fastslam.datasets.bag import list_topics
 from fastslam.datasets.bag_messages import planar
 from fastslam.datasets.native_settings import REAR_AXLE
 from fastslam.errors import ConfigError, DataError
+from fastslam.resultfiles import read_result
 from fastslam.runner import configure
 from small_log import LANDMARKS_M, make_small_log, write_small_log
 
@@ -390,10 +391,23 @@ def test_export_writes_what_the_name_says(tmp_path: Path) -> None:
     log = write_small_log(tmp_path / "log", steps=60)
     out = tmp_path / "out"
     assert fastslam("run", log, "--out", out, "--no-report", "--particles", 10).exit_code == 0
-    for name, says in (("a.mcap", "poses, "), ("a.tum", "12 poses"), ("a.geojson", "in metres")):
+    for name, says in (
+        ("a.mcap", "poses, "),
+        ("a.tum", "12 poses"),
+        ("a.csv", "12 poses"),
+        ("a.geojson", "in metres"),
+    ):
         outcome = fastslam("export", out, tmp_path / name)
         assert outcome.exit_code == 0 and says in outcome.stdout, outcome.stdout + outcome.stderr
     assert (tmp_path / "a.tum").read_text() == (out / "smoothed.tum").read_text()
+    header, *lines = (tmp_path / "a.csv").read_text().splitlines()
+    assert header == "stamp_s,x_m,y_m,heading_rad" and len(lines) == 12
+    table = np.array([line.split(",") for line in lines], dtype=float)
+    smoothed = read_result(out).smoothed
+    np.testing.assert_allclose(table, np.column_stack([smoothed.stamp_s, smoothed.T_world_robot]), rtol=1e-8)
+    assert fastslam("export", out, tmp_path / "l.csv", "--path", "live").exit_code == 0
+    assert (tmp_path / "l.csv").read_text() != (tmp_path / "a.csv").read_text()
+    assert fastslam("export", out, tmp_path / "l.csv", "--path", "best").exit_code == 2
     assert len(read_messages(tmp_path / "a.mcap")["/pose"]) > 10
     shapes = json.loads((tmp_path / "a.geojson").read_text())["features"]
     assert [shape["geometry"]["type"] for shape in shapes].count("LineString") == 1

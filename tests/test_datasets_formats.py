@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 from fastslam.datasets import FORMATS, load
+from fastslam.datasets.registry import TABLES_PAGE
 from fastslam.errors import DataError
 
 
@@ -171,6 +172,18 @@ def labyrinth(folder: Path) -> Path:
     (folder / "Small_UWB_Input.txt").write_text(rows)
     (folder / "Small_UWB_GT.txt").write_text("point2 0 1 2 0 0 0 0\npoint2 1 1.15 2 0 0 0 0\n")
     return folder
+
+
+def test_a_folder_of_tables_is_told_what_to_call_them(tmp_path: Path) -> None:
+    (tmp_path / "wheels.csv").write_text("t;v;w\n0;1;0\n")
+    (tmp_path / "marks.csv").write_text("t;post;range;bearing\n0;P1;1;0\n")
+    wanted = r"\(marks\.csv, wheels\.csv\): name that of the motion odometry\.csv .* sightings\.csv"
+    with pytest.raises(DataError, match=wanted):
+        load(tmp_path)
+    assert (Path(__file__).parents[1] / TABLES_PAGE).exists()
+    (tmp_path / "notes.txt").write_text("")
+    with pytest.raises(DataError, match="no log of a known format"):
+        load(tmp_path)
 
 
 def test_labyrinth_is_read_as_documented(tmp_path: Path) -> None:

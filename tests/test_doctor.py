@@ -43,6 +43,17 @@ FAULTS = {
 }
 
 
+def test_under_a_problem_of_its_own_it_does_not_call_the_numbers_best(sound: Log, tmp_path: Path) -> None:
+    slow = replace(
+        sound,
+        controls=replace(sound.controls, stamp_s=1000.0 * sound.controls.stamp_s),
+        sightings=replace(sound.sightings, stamp_s=1000.0 * sound.sightings.stamp_s),
+    )
+    outcome = fastslam("doctor", write_native(slow, tmp_path / "log"))
+    assert outcome.exit_code == 0 and "milliseconds" in outcome.stdout
+    assert "fit best as they stand" not in outcome.stdout
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_likeliest_reading_is_the_fault(sound: Log, fault: str) -> None:
     name, remedy = FAULTS[fault]

@@ -13,7 +13,7 @@ from fastslam import Anywhere, FastSlam, Map, Robot, Start, run
 from fastslam.checkpoint import CHECKPOINT_FILE, Checkpoints
 from fastslam.errors import ConfigError, DataError
 from fastslam.log import Log
-from fastslam.maps import Changes
+from fastslam.maps import Changes, difference, oddities
 from fastslam.result import RunResult
 from fastslam.simulation import simulate
 
@@ -180,6 +180,36 @@ def test_a_run_in_the_map_of_another_keeps_it_or_improves_it(mode: str) -> None:
     )
     assert narrower.mean() > 0.9
     assert len(extended.map.role) <= len(chart.role) + 1
+
+
+def test_what_was_edited_is_a_difference_and_slips_are_odd(tmp_path: Path) -> None:
+    places = {"P1": (0.0, 0.0), "p1": (4.0, 0.0), "P2": (0.0, 5.0), "P3": (40_000.0, 0.0)}
+    chart = Map.at(places, std_m=0.05)
+    assert oddities(chart) == [
+        "P3 stands 39,996 m from the nearest other landmark",
+        "P1 and p1 differ only in case",
+    ]
+    ids = ("gate", *chart.landmarks.ids[1:])
+    after = replace(
+        chart,
+        landmarks=replace(chart.landmarks, ids=ids),
+        role=("fixed", "fixed", "prior", "fixed"),
+        note=("", "leans", "", ""),
+    )
+    assert difference(chart, after)["changed"] == [
+        ("P1", "gate", "name", "P1", "gate"),
+        ("p1", "p1", "note", "", "leans"),
+        ("P2", "P2", "role", "fixed", "prior"),
+    ]
+    assert difference(chart, chart)["changed"] == []
+    columns = after.to_columns()
+    assert columns["role"] == list(after.role) and columns["note"] == list(after.note)
+    assert {len(column) for column in columns.values()} == {4}
+    frame = after.to_dataframe()
+    assert list(frame["id"]) == list(ids) and list(frame["note"]) == list(after.note)
+    table = tmp_path / "posts.csv"
+    table.write_text("id,x_m,y_m,std_m,role\nP1,0,0,0.1,Prior\nP2,1,1,0,FIXED\n")
+    assert Map.load(table).role == ("prior", "fixed")
 
 
 def test_what_is_new_and_what_is_gone_is_told(made: tuple[Log, RunResult]) -> None:

@@ -12,7 +12,7 @@ import pytest
 from fastslam import FastSlam
 from fastslam.config import merge
 from fastslam.log import Log
-from fastslam.noise import noise_sentences
+from fastslam.noise import ASK_FIRST, heeded, noise_sentences
 from fastslam.runner import configure
 from fastslam.simulation import resolve_simulation, simulate
 
@@ -25,6 +25,27 @@ def loop(scan_period_s: float = 0.2) -> Log:
 
 def warnings(log: Log, *layers: dict[str, object]) -> tuple[str, ...]:
     return fastslam.run(log, merge({"seed": 1, "filter": {"particles": 50}}, *layers)).warnings
+
+
+ADVICE = "range innovations are 2 times as large as sensor.range_std_m says (NIS 8.0, band 1.7-2.3): raise it"
+
+
+def test_advice_on_noise_waits_for_what_was_found_in_the_log() -> None:
+    lost = ("the filter was lost in 100% of its steps",)
+    mirrored = {"code": "bearing-mirrored", "severity": "problem", "message": "mirrored?", "remedy": "negate"}
+    told = heeded(("a checkpoint failed", ADVICE), lost, [mirrored])
+    assert told[0] == "a checkpoint failed" and "mirrored? [bearing-mirrored]" in told[1] and len(told) == 2
+    assert "raise" not in told[1]
+    note = {**mirrored, "severity": "note"}
+    assert heeded((ADVICE,), (), [note]) == (ADVICE,)
+    # Too small a noise loses a filter too: the advice stays, with what comes first.
+    assert heeded((ADVICE,), lost, [note]) == (f"{ADVICE}; {ASK_FIRST}",)
+    assert heeded((), lost, [mirrored]) == ()
+
+
+def test_innovations_that_blame_nothing_name_the_next_step() -> None:
+    found = {"what": None, "keys": (), "std_factor": 0.7, "power": 1.0, "nis": 1.0, "nis_band": (1.7, 2.3)}
+    assert "run LOG --auto" in noise_sentences([found], {})[0]
 
 
 @pytest.mark.slow(but="fastslam2-unknown")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from .config import Config
+from .config import Config, merge
 from .datasets.registry import load
 from .detection import with_sightings
 from .log import Floats, Log
@@ -121,7 +121,7 @@ def localize(
 
 def _states_a_start(log: Log, config: Layer | None) -> bool:
     """Whether the settings, or the log's own, say where the robot starts."""
-    return any("initial_pose" in layer for layer in (log.config, config or {}))
+    return "initial_pose" in merge(log.config, config or {})
 
 
 def start_of(mode: Mode) -> Start:

@@ -242,7 +242,7 @@ class Log:
 
         return log_from_frames(odometry, sightings, config=config, name=name)
 
-    def to_dataframes(self, backend: Backend) -> tuple[Any, Any]:
+    def to_dataframes(self, backend: Backend = "pandas") -> tuple[Any, Any]:
         """Odometry and sightings as data frames, which `from_dataframe` takes; columns are those of files.
 
         Errors: `DataError` for a log without motion model; `ConfigError` for a backend that is not there.

@@ -180,7 +180,7 @@ def _roles(table: CsvTable, covariance: Floats) -> tuple[Role, ...]:
     roles: list[Role] = []
     definite = covariance[:, 0] * covariance[:, 2] > covariance[:, 1] ** 2
     for text, sure, line in zip(written, definite, table.lines, strict=True):
-        role = next((role for role in ROLES if role == text), None)
+        role = next((role for role in ROLES if role == text.lower()), None)
         if text and role is None:
             raise DataError(f"role: got {text}, expected {' or '.join(ROLES)}", table.path, line)
         role = role or ("prior" if sure else "fixed")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
@@ -17,7 +17,7 @@ from .covariances import pose_covariance
 from .errors import ConfigError, DataError
 from .identity import nobody_knows
 from .log import Floats, Ints
-from .result import LandmarkMap
+from .result import Columns, LandmarkMap, Table
 
 if TYPE_CHECKING:
     from . import _core
@@ -35,7 +35,7 @@ _SUREST = 1e-9
 
 
 @dataclass(frozen=True)
-class Map:
+class Map(Table):
     """Landmarks that are kept: places with covariance, and what sightings may do to them.
 
     Shapes: `role` and `note` have an entry per landmark, `existence` (K,) is a probability, NaN where nobody
@@ -137,6 +137,11 @@ class Map:
             existence=self.existence[index],
             note=tuple(self.note[row] for row in index),
         )
+
+    def to_columns(self) -> Columns:
+        """The columns of the map's `landmarks.csv`: those of a run's, `existence`, `role` and `note`."""
+        more = {"existence": self.existence, "role": list(self.role), "note": list(self.note)}
+        return self.landmarks.to_columns() | more
 
     def with_role(self, role: Role) -> Map:
         """The same map with one role for all landmarks."""
@@ -250,6 +255,8 @@ MISSED = 10
 """A landmark is gone that was in view in so many scans at least,"""
 GONE_FRACTION = 0.05
 """and sighted in at most this fraction of them; in none where sightings name it."""
+FAR_OFF_M = 1000.0
+"""So far from all others hardly a landmark is meant to stand."""
 SAME_PLACE_M = 0.05
 """Landmarks this close to each other stand at one place, however well they are known."""
 
@@ -311,7 +318,7 @@ def changes(
 def _renamed(
     ours: LandmarkMap, new: Sequence[str], theirs: LandmarkMap, gone: Sequence[str]
 ) -> tuple[tuple[str, str], ...]:
-    """Which new names stand where names that are gone do, as closely as both are known; running ones are none."""
+    """Which new names, running numbers aside, stand where names that are gone do, as closely as is known."""
     pairs: list[tuple[str, str]] = []
     for name in new:
         if _RUNNING_NUMBER.fullmatch(name):
@@ -407,15 +414,38 @@ def oddities(chart: Map) -> list[str]:
             apart_m = float(np.linalg.norm(landmarks.mean_m[a] - landmarks.mean_m[b]))
             if apart_m <= 2.0 * math.sqrt(float(variance[a] + variance[b])) + SAME_PLACE_M:
                 lines.append(f"{landmarks.ids[a]} and {landmarks.ids[b]} may be one: {apart_m:.2f} m apart")
+    lines += [*_far_off(landmarks), *_alike(landmarks.ids)]
     unlikely = [name for name, odds in zip(landmarks.ids, chart.existence, strict=True) if odds < 0.5]
     return [*lines, *(f"{name} exists with less than even odds" for name in unlikely)]
+
+
+def _far_off(landmarks: LandmarkMap) -> list[str]:
+    """Landmarks that are far from all others: a digit too many, or another frame."""
+    from scipy.spatial import cKDTree
+
+    if len(landmarks.ids) < 3:
+        return []
+    nearest_m = cKDTree(landmarks.mean_m).query(landmarks.mean_m, k=2)[0][:, 1]
+    return [
+        f"{name} stands {apart_m:,.0f} m from the nearest other landmark"
+        for name, apart_m in zip(landmarks.ids, nearest_m.tolist(), strict=True)
+        if apart_m >= FAR_OFF_M
+    ]
+
+
+def _alike(ids: Sequence[str]) -> list[str]:
+    """Names that differ in capital letters alone."""
+    of_word: dict[str, list[str]] = {}
+    for name in ids:
+        of_word.setdefault(name.casefold(), []).append(name)
+    return [f"{' and '.join(names)} differ only in case" for names in of_word.values() if len(names) > 1]
 
 
 def difference(before: Map, after: Map, *, gate_m: float = 1.0) -> dict[str, Any]:
     """Which landmarks of one map are those of another in the same frame, the nearest within a distance.
 
     `common` pairs, their RMS distance `rms_m`, `moved` (id, id, metres) by more than three standard
-    deviations, `gone` and `new` ids.
+    deviations, `gone` and `new` ids, `changed` (id, id, `name`, `role` or `note`, before, after).
     """
     from .evaluation.assignment import assign_points
 
@@ -425,10 +455,25 @@ def difference(before: Map, after: Map, *, gate_m: float = 1.0) -> dict[str, Any
     spread = ours.covariance_m2[first] + theirs.covariance_m2[second]
     limit_m = 3.0 * np.sqrt(0.5 * np.trace(spread, axis1=1, axis2=2)) + 1e-9
     moved = np.flatnonzero(apart_m > limit_m)
+    pairs = list(zip(first.tolist(), second.tolist(), strict=True))
     return {
         "common": len(first),
         "rms_m": float(np.sqrt(np.mean(apart_m**2))) if len(first) else 0.0,
         "moved": [(ours.ids[first[k]], theirs.ids[second[k]], float(apart_m[k])) for k in moved],
+        "changed": [change for pair in pairs for change in _edits(before, after, *pair)],
         "gone": [name for row, name in enumerate(ours.ids) if row not in set(first.tolist())],
         "new": [name for row, name in enumerate(theirs.ids) if row not in set(second.tolist())],
     }
+
+
+def _edits(before: Map, after: Map, ours: int, theirs: int) -> Iterator[tuple[str, str, str, str, str]]:
+    """What one landmark of two maps is called, may do or has as note that differs."""
+    one, other = before.landmarks.ids[ours], after.landmarks.ids[theirs]
+    sides = (
+        ("name", one, other),
+        ("role", before.role[ours], after.role[theirs]),
+        ("note", before.note[ours], after.note[theirs]),
+    )
+    for what, was, now in sides:
+        if was != now:
+            yield one, other, what, was, now

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from typing import Any
 
+from .config import merge
 from .errors import DataError
 from .evaluation import Consistency, EvaluationOptions, run_consistency, summarize_consistency
 from .log import Log
-from .config import merge
 from .runner import run
 from .settings import Layer
 from .simulation import resolve_simulation, simulate

@@ -10,6 +10,11 @@ import numpy as np
 if TYPE_CHECKING:
     from .log import Sightings
 
+from .trust import LOST
+
+ASK_FIRST = "but a lost filter has other reasons too: `fastslam info LOG` and `fastslam doctor LOG` first"
+_MARK = "(NIS "
+"""What all sentences on noise have, and no others."""
 SMALLEST_SAID = 0.1
 """A factor below this is said to be below it: the log hardly tells what is right."""
 
@@ -84,6 +89,28 @@ def _of_covariances(warning: Mapping[str, Any], *, detected: bool) -> str:
     )
 
 
+def heeded(
+    warnings: Iterable[str], verdict: Iterable[str], findings: Iterable[Mapping[str, str]]
+) -> tuple[str, ...]:
+    """The warnings of a run without advice on noise that would be wrong.
+
+    Numbers that are meant otherwise look like noise: where the log has a problem, that comes first, and a
+    filter that was lost may have other reasons than noise.
+    """
+    problems = [finding for finding in findings if finding["severity"] in ("problem", "error")]
+    is_lost = any(sentence.startswith(LOST) for sentence in verdict)
+    if not (problems or is_lost):
+        return tuple(warnings)
+    others = [sentence for sentence in warnings if _MARK not in sentence]
+    if len(others) == len(tuple(warnings)):
+        return tuple(others)
+    if problems:
+        said = f"{problems[0]['message']} [{problems[0]['code']}]"
+        return (*others, f"what the noise is can be told only when this is put right: {said}")
+    of_noise = [f"{sentence}; {ASK_FIRST}" for sentence in warnings if _MARK in sentence]
+    return (*others, *of_noise)
+
+
 def _sentence(warning: Mapping[str, Any], config: Mapping[str, Any]) -> str:
     factor: float = warning["std_factor"]
     low, high = warning["nis_band"]
@@ -92,7 +119,8 @@ def _sentence(warning: Mapping[str, Any], config: Mapping[str, Any]) -> str:
     if what is None:
         return (
             f"innovations are {_times(factor)} as large as the noise settings say ({found}), and the log "
-            "does not tell whether `sensor` or `motion` is to blame"
+            "does not tell whether `sensor` or `motion` is to blame: `fastslam run LOG --auto`, or "
+            "`fastslam.tuning.tune` in Python, finds out"
         )
     values = {key: value for key in keys if (value := _value(config, key)) is not None}
     named = " and ".join(values)

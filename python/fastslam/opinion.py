@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from .config import merge
 from .errors import ConfigError, FastSlamError
 from .evaluation.align import RigidTransform
 from .evaluation.constellation import find_transform, refine_transform
 from .log import Floats, Log
 from .result import LandmarkMap, RunResult, Trajectory, Try
-from .config import merge
 from .runner import Progress, configure, detected, run, run_many
 from .sensors import Sensor
 from .settings import Layer

@@ -28,8 +28,8 @@ class Table(ABC):
     def to_columns(self) -> Columns:
         """The columns by name: `pandas.DataFrame`, `polars.DataFrame` and `pyarrow.table` take them."""
 
-    def to_dataframe(self, backend: Backend) -> Any:
-        """A data frame of `pandas`, `polars` or `pyarrow`. Needs `pip install narwhals`.
+    def to_dataframe(self, backend: Backend = "pandas") -> Any:
+        """A data frame of `pandas`, the default, `polars` or `pyarrow`. Needs `pip install narwhals`.
 
         Errors: `ConfigError` for another backend, or for one that is not installed.
         """
@@ -55,6 +55,12 @@ class Trajectory(Table):
         from .resultfiles import tum_text
 
         return tum_text(self)
+
+    def to_csv(self) -> str:
+        """A table for spreadsheets: `stamp_s`, `x_m`, `y_m`, `heading_rad`, a line per pose."""
+        from .resultfiles import path_csv_text
+
+        return path_csv_text(self)
 
     def to_columns(self) -> Columns:
         """`stamp_s`, `x_m`, `y_m`, `heading_rad`, and the covariance under the names of its file."""

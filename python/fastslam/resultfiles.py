@@ -304,6 +304,16 @@ def tum_text(trajectory: Trajectory) -> str:
     return "# stamp_s x_m y_m z_m qx qy qz qw (T_world_robot)\n" + "".join(lines)
 
 
+def path_csv_text(trajectory: Trajectory) -> str:
+    """`stamp_s`, `x_m`, `y_m`, `heading_rad`, a line per pose."""
+    columns = (trajectory.stamp_s, *trajectory.T_world_robot.T)
+    rows = (
+        (f"{float(stamp)!r}", *(f"{value:.9g}" for value in pose))
+        for stamp, *pose in zip(*columns, strict=True)
+    )
+    return csv_text(("stamp_s", "x_m", "y_m", "heading_rad"), rows)
+
+
 def csv_text(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table as text, with a header."""
     lines = [",".join(columns), *(",".join(_quoted(cell) for cell in row) for row in rows)]

@@ -21,7 +21,7 @@ from .errors import ConfigError, DataError, NumericalError
 from .filter import landmark_map, step_info
 from .log import Log
 from .maps import Map, StartLike, changes, core_start
-from .noise import Told, noise_sentences
+from .noise import Told, heeded, noise_sentences
 from .result import RunResult, Steps, Trajectory
 from .sensor_checks import begun
 from .sensors import Sensor, own_layer
@@ -286,7 +286,8 @@ def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -
         warnings=noise_sentences(columns["warnings"], config, log.sightings, detected=log.scans is not None),
         noise=columns["noise"],
     )
-    return judged(result, log, columns["two_places"])
+    result = judged(result, log, columns["two_places"])
+    return replace(result, warnings=heeded(result.warnings, result.verdict, ()))
 
 
 def peak_memory_bytes() -> int:

@@ -52,5 +52,7 @@ def doctor(
     stdout().print(make_table(title, ("reading", "!>nats", "remedy"), rows))
     if found.suspected:
         typer.echo(f"suspected: {found.suspected[0].name}: {found.suspected[0].remedy}")
+    elif any(finding.severity != "note" for finding in found.findings):
+        typer.echo("no other reading fits better; what is said above comes first")
     else:
         typer.echo("the numbers fit best as they stand")

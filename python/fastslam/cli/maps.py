@@ -40,7 +40,7 @@ def map_info(path: MapPath, json: Json = False) -> None:
 
 @app.command("check", short_help="Check a map; faults are told with file and line.")
 def map_check(path: MapPath) -> None:
-    """Check a map and say what is wrong with it, or odd: two landmarks at one place, for one.
+    """Check a map and say what is wrong with it, or odd: two landmarks at one place, or one a kilometre off.
 
     \b
     Examples:
@@ -115,7 +115,9 @@ def map_diff(
     gate_m: Annotated[float, typer.Option(min=0.0, help="Within this distance two are one.")] = 1.0,
     json: Json = False,
 ) -> None:
-    """Say which landmarks of the second map are new, gone or moved against the first.
+    """Say which landmarks of the second map are new, gone, moved or edited against the first.
+
+    Edited: another name, role or note.
 
     \b
     Examples:
@@ -128,10 +130,14 @@ def map_diff(
         print_json(found)
         return
     rows = [(ours, theirs, f"{off_m:.3f}") for ours, theirs, off_m in found["moved"]]
+    rows += [
+        (ours, theirs, f"{what}: {was or '-'} -> {now or '-'}")
+        for ours, theirs, what, was, now in found["changed"]
+    ]
     rows += [(name, "", "gone") for name in found["gone"]]
     rows += [("", name, "new") for name in found["new"]]
     title = f"{found['common']:,} in common, {found['rms_m']:.3f} m apart (RMS)"
-    stdout().print(make_table(title, (first.name, second.name, ">moved (m)"), rows))
+    stdout().print(make_table(title, (first.name, second.name, ">moved (m), or what changed"), rows))
 
 
 @app.command("merge", short_help="Join maps of several robots or days; nobody says how they lie.")

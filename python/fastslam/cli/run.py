@@ -308,7 +308,7 @@ def run_all(
     others: list[Metrics] = []
     with progress_bar(log.name) as advance:
         computed = run_many(log, config, seeds=seeds, progress=advance, checkpoints=checkpoints, watch=watch)
-        first = replace(next(computed), findings=tuple(finding.to_dict() for finding in results.findings))
+        first = _with_findings(next(computed), results.findings)
         interrupted = first.interrupted
         # Kept safe at once when further runs, which may fail, are to come.
         metrics = results.write(first, log, pictures=False)
@@ -335,9 +335,17 @@ def run_tries(
             kept = best_of(log, config, seeds=seeds, progress=advance, watch=watch)
     if len(kept.tries) > 2 or tries is not None:
         _list_tries(kept)
-    kept = replace(kept, findings=tuple(finding.to_dict() for finding in results.findings))
+    kept = _with_findings(kept, results.findings)
     metrics = results.write(kept, log, pictures=True)
     return Finished(kept, [metrics], results.folder, results.report, kept.interrupted)
+
+
+def _with_findings(result: RunResult, findings: Sequence[Finding]) -> RunResult:
+    """The result with what was found in its log, before which no advice on noise is given."""
+    from ..noise import heeded
+
+    told = tuple(finding.to_dict() for finding in findings)
+    return replace(result, findings=told, warnings=heeded(result.warnings, result.verdict, told))
 
 
 def _list_tries(result: RunResult) -> None:

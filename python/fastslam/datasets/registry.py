@@ -134,6 +134,7 @@ FORMATS: dict[str, DatasetFormat] = {
 }
 
 
+TABLES_PAGE = "docs/howto/spreadsheet.md"
 SPACE_PAGE = "docs/space.md"
 FOREIGN = {
     ".rawlog": "an MRPT rawlog",
@@ -207,9 +208,25 @@ def _guess(path: Path) -> tuple[DatasetFormat, Path]:
     ours = of_our_own(path)
     if ours is not None:
         raise DataError(f"{ours}; expected a log" if path.is_dir() else ours, path)
+    tables = _tables_alone(path)
+    if tables:
+        raise DataError(
+            f"holds tables not called as those of a log ({', '.join(tables[:MOST_SHOWN])}): name that of "
+            f"the motion odometry.csv and that of the landmarks sightings.csv; {TABLES_PAGE} shows how",
+            path,
+        )
     foreign = next((what for suffix, what in FOREIGN.items() if suffix in path.suffixes), None)
     message = "is no log of a known format" if foreign is None else f"is {foreign}, which is not read"
     raise DataError(f"{message}; read are {', '.join(FORMATS)}; {PAGE} says how to convert others", path)
+
+
+def _tables_alone(path: Path) -> list[str]:
+    """Names of the CSV files of a folder that holds nothing else; a log.yaml may lie beside them."""
+    if not path.is_dir():
+        return []
+    names = [child.name for child in children(path)[:MOST_FILES] if not child.name.startswith(".")]
+    tables = [name for name in names if name.lower().endswith(".csv")]
+    return tables if set(names) <= {*tables, "log.yaml"} else []
 
 
 def formats_of(path: Path) -> list[DatasetFormat]:
