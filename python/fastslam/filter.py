@@ -338,7 +338,7 @@ class FastSlam:
 
 
 def step_info(answer: dict[str, Any], config: Config, told: Told, more: tuple[str, ...] = ()) -> StepInfo:
-    """What the core says of a step, its codes as names; `told` are the warnings so far, `more` further ones."""
+    """What the core says of a step, its codes as names; `told` are earlier warnings, `more` further ones."""
     answer["health"] = status_name(answer["health"])
     answer["health_reasons"] = reason_names(answer["health_reasons"])
     answer["warnings"] = (*told.sentences(answer["warnings"], config), *more)
