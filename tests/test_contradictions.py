@@ -7,7 +7,7 @@ from dataclasses import replace
 import fastslam
 import numpy as np
 import pytest
-from fastslam import runner
+from fastslam import verdict as verdicts
 from fastslam.contradictions import TwoPlaces, share_misnamed, that_contradict_themselves
 from fastslam.log import Log
 from fastslam.result import RunResult
@@ -25,13 +25,13 @@ def run(
 ) -> tuple[RunResult, tuple[TwoPlaces, ...]]:
     """A run with known names, and the names that the filter doubted."""
     doubted: list[TwoPlaces] = []
-    judge = runner.verdict
+    judge = verdicts.verdict
 
     def verdict(result: RunResult, log: Log, two_places: list[TwoPlaces]) -> tuple[str, ...]:
         doubted.extend(two_places)
         return judge(result, log, two_places)
 
-    monkeypatch.setattr(runner, "verdict", verdict)
+    monkeypatch.setattr(verdicts, "verdict", verdict)
     settings = {"seed": seed, "association": {"mode": "known"}}
     filter_ = {"rejuvenation": {"every_steps": 0}} if plain else {}
     return fastslam.run(log, {**settings, "filter": filter_}), tuple(doubted)
