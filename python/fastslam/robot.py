@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 from numpy.typing import ArrayLike
 
 from . import _core
+from ._built import built_version
 from .config import Config
 from .covariances import symmetric
 from .errors import DataError, NumericalError
@@ -353,7 +354,7 @@ class Robot:
             self._check_found()
             ended = copy.deepcopy(self)
         ended.end()
-        made_from = {"log": "live", "version": _core.__version__, "seed": self.config["seed"]}
+        made_from = {"log": "live", "version": built_version(), "seed": self.config["seed"]}
         return Map.of_found(ended.landmarks, self._chart, made_from)
 
     @property

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from . import _core
+from ._built import built_version
 from ._yaml import line_of_key
 from .checkpoint import Checkpoints
 from .config import Config, merge
@@ -260,13 +261,12 @@ def _watched(watch: Watch, config: Config, log: Log, given: Given) -> Callable[.
 
 def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -> RunResult:
     """What the core's columns of a run, or of a stream, come to."""
-    debug = " (debug build)" if _core.build_profile == "debug" else ""
     chart_ids = () if given.chart is None else given.chart.landmarks.ids
     landmarks = landmark_map(columns["map"], given.names, log.class_names, chart_ids)
     result = RunResult(
         log_name=log.name,
         config=dict(config),
-        version=_core.__version__ + debug,
+        version=built_version(),
         trajectory=Trajectory(
             columns["steps"]["stamp_s"], columns["T_world_robot"], symmetric(columns["covariance"])
         ),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
+from .._built import built_version
 from ..covariances import symmetric
 from ..errors import ConfigError, DataError, NumericalError
 from ..settings import Layer
@@ -74,7 +75,7 @@ def _result(columns: dict[str, Any], log: SpaceLog, config: SpaceConfig) -> Spac
     result = SpaceResult(
         log_name=log.name,
         config=dict(config),
-        version=_core.__version__ + (" (debug build)" if _core.build_profile == "debug" else ""),
+        version=built_version(),
         trajectory=SpacePath(columns["stamp_s"], columns["T_world_robot"], symmetric(columns["covariance"])),
         smoothed=SpacePath(columns["smoothed_stamp_s"], columns["smoothed_T_world_robot"]),
         landmarks=SpaceMap(
