@@ -4,13 +4,26 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from fabricate import make_log, make_run, make_steps
 from fastslam.charts import palette
 from fastslam.charts.layout import frames
-from fastslam.charts.panel import Band, Bars, Chart, Dots, Ellipses, Level, Line, Mark, Panel, range_of
+from fastslam.charts.panel import (
+    Band,
+    Bars,
+    Chart,
+    Dots,
+    DotShape,
+    Ellipses,
+    Level,
+    Line,
+    Mark,
+    Panel,
+    range_of,
+)
 from fastslam.charts.scales import Scale, tick_texts, widened
 from fastslam.charts.svg import draw_chart
 from fastslam.plots.panel import chart_figure
@@ -18,9 +31,9 @@ from fastslam.report import render_report
 from fastslam.result import Trajectory
 
 
-def a_panel(*marks: Mark, **other: object) -> Panel:
+def a_panel(*marks: Mark, **other: Any) -> Panel:
     basic = Panel(title="t", x_label="x", y_label="y", marks=marks, x_range=(0.0, 10.0), y_range=(0.0, 5.0))
-    return replace(basic, **other)  # type: ignore[arg-type]
+    return replace(basic, **other)
 
 
 def drawn(*marks: Mark, **other: object) -> str:
@@ -110,7 +123,7 @@ def test_an_ellipse_is_drawn_at_its_angle() -> None:
 
 def test_every_kind_of_mark_is_drawn_by_both_and_named_in_the_legend() -> None:
     x = np.array([1.0, 2.0, 3.0])
-    shapes = ("disc", "cross", "tick", "triangle", "square")
+    shapes: tuple[DotShape, ...] = ("disc", "cross", "tick", "triangle", "square")
     marks: list[Mark] = [
         Line(x=x, y=x, color="#000001", label="line", dashed=True),
         Line(x=x, y=x, color="#000002", label="stairs", stairs=True),
@@ -121,7 +134,7 @@ def test_every_kind_of_mark_is_drawn_by_both_and_named_in_the_legend() -> None:
         Ellipses(
             center=np.column_stack([x, x]), major=x, minor=x, angle_deg=x, color="#000007", label="ellipse"
         ),
-        *(Dots(x=x, y=x, color=f"#00001{k}", shape=shape, label=shape) for k, shape in enumerate(shapes)),  # type: ignore[arg-type]
+        *(Dots(x=x, y=x, color=f"#00001{k}", shape=shape, label=shape) for k, shape in enumerate(shapes)),
     ]
     svg = drawn(*marks)
     texts = re.findall(r"<text[^>]*>([^<]*)</text>", svg)

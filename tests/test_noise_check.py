@@ -12,7 +12,7 @@ import pytest
 from fastslam import FastSlam
 from fastslam.config import merge
 from fastslam.log import Log
-from fastslam.noise import ASK_FIRST, heeded, noise_sentences
+from fastslam.noise import ASK_FIRST, after_findings, after_losing, noise_sentences
 from fastslam.runner import configure
 from fastslam.simulation import resolve_simulation, simulate
 
@@ -31,16 +31,17 @@ ADVICE = "range innovations are 2 times as large as sensor.range_std_m says (NIS
 
 
 def test_advice_on_noise_waits_for_what_was_found_in_the_log() -> None:
-    lost = ("the filter was lost in 100% of its steps",)
     mirrored = {"code": "bearing-mirrored", "severity": "problem", "message": "mirrored?", "remedy": "negate"}
-    told = heeded(("a checkpoint failed", ADVICE), lost, [mirrored])
+    told = after_findings(("a checkpoint failed", ADVICE), [mirrored])
     assert told[0] == "a checkpoint failed" and "mirrored? [bearing-mirrored]" in told[1] and len(told) == 2
     assert "raise" not in told[1]
     note = {**mirrored, "severity": "note"}
-    assert heeded((ADVICE,), (), [note]) == (ADVICE,)
-    # Too small a noise loses a filter too: the advice stays, with what comes first.
-    assert heeded((ADVICE,), lost, [note]) == (f"{ADVICE}; {ASK_FIRST}",)
-    assert heeded((), lost, [mirrored]) == ()
+    assert after_findings((ADVICE,), [note]) == (ADVICE,)
+    assert after_findings((), [mirrored]) == ()
+    # Too small a noise loses a filter too: the advice stays, with what comes first, once.
+    lost = after_losing((ADVICE,), ("the filter was lost in 100% of its steps",))
+    assert lost == after_findings(lost, [note]) == (f"{ADVICE}; {ASK_FIRST}",)
+    assert after_losing((ADVICE,), ()) == (ADVICE,)
 
 
 def test_innovations_that_blame_nothing_name_the_next_step() -> None:

@@ -24,6 +24,16 @@ WORLD = {"count": 6}
 SENSOR = {"model": "range", "range_std_m": 0.2, "max_range_m": 100.0}
 
 
+SETTINGS = "format_version: 1\nmotion: {model: velocity}\nsensor: {model: range, range_std_m: 0.2}\n"
+
+
+def begin_log(folder: Path) -> None:
+    """A log of ten seconds that lacks its sightings."""
+    (folder / "log.yaml").write_text(SETTINGS)
+    rows = "".join(f"{k},1.0,0.1\n" for k in range(10))
+    (folder / "odometry.csv").write_text("stamp_s,speed_m_per_s,yaw_rate_rad_per_s\n" + rows)
+
+
 @pytest.fixture(scope="module")
 def beacons() -> LogType:
     return simulate({"seed": 3, "world": WORLD, "sensor": SENSOR, "scan": {"period_s": 1.0}}, name="beacons")
@@ -48,10 +58,7 @@ def test_a_native_log_without_bearings_is_written_read_and_mapped(beacons: LogTy
 
 
 def test_the_variance_of_ranges_alone_is_enough(tmp_path: Path) -> None:
-    settings = "format_version: 1\nmotion: {model: velocity}\nsensor: {model: range, range_std_m: 0.2}\n"
-    (tmp_path / "log.yaml").write_text(settings)
-    rows = "".join(f"{k},1.0,0.1\n" for k in range(10))
-    (tmp_path / "odometry.csv").write_text("stamp_s,speed_m_per_s,yaw_rate_rad_per_s\n" + rows)
+    begin_log(tmp_path)
     header = "stamp_s,range_m,landmark_id,range_variance_m2"
     (tmp_path / "sightings.csv").write_text(f"{header}\n1,5,a,0.5\n2,5,a,\n3,5,a,0.001\n")
     log = load(tmp_path)
@@ -86,10 +93,7 @@ def test_a_ruined_run_and_one_that_places_nothing_get_a_verdict(beacons: LogType
 
 
 def test_bearings_in_the_file_are_not_used_and_a_missing_model_is_named(tmp_path: Path) -> None:
-    settings = "format_version: 1\nmotion: {model: velocity}\nsensor: {model: range, range_std_m: 0.2}\n"
-    (tmp_path / "log.yaml").write_text(settings)
-    rows = "".join(f"{k},1.0,0.1\n" for k in range(10))
-    (tmp_path / "odometry.csv").write_text("stamp_s,speed_m_per_s,yaw_rate_rad_per_s\n" + rows)
+    begin_log(tmp_path)
     header = "stamp_s,range_m,bearing_rad,landmark_id"
     (tmp_path / "sightings.csv").write_text(f"{header}\n1,5,0.1,a\n2,nan,0.1,a\n")
     log = load(tmp_path)
@@ -97,7 +101,7 @@ def test_bearings_in_the_file_are_not_used_and_a_missing_model_is_named(tmp_path
     assert any("bearings are not used" in note for note in log.notes)
     (tmp_path / "sightings.csv").write_text("stamp_s,range_m,landmark_id\n1,5,a\n")
     assert len(load(tmp_path).sightings.range_m) == 1
-    (tmp_path / "log.yaml").write_text(settings.replace("model: range,", "model: range_bearing,"))
+    (tmp_path / "log.yaml").write_text(SETTINGS.replace("model: range,", "model: range_bearing,"))
     (tmp_path / "sightings.csv").write_text(f"{header}\n1,5,nan,a\n")
     with pytest.raises(DataError, match="no usable sighting"):
         load(tmp_path)

@@ -319,24 +319,25 @@ def _renamed(
     ours: LandmarkMap, new: Sequence[str], theirs: LandmarkMap, gone: Sequence[str]
 ) -> tuple[tuple[str, str], ...]:
     """Which new names, running numbers aside, stand where names that are gone do, as closely as is known."""
+    row_of = {name: row for row, name in enumerate(ours.ids)}
+    left = np.flatnonzero(np.isin(theirs.ids, list(gone)))
     pairs: list[tuple[str, str]] = []
     for name in new:
-        if _RUNNING_NUMBER.fullmatch(name):
+        if _RUNNING_NUMBER.fullmatch(name) or len(left) == 0:
             continue
-        row = ours.ids.index(name)
-        taken = {before for _, before in pairs}
-        rows = [theirs.ids.index(other) for other in gone if other not in taken]
-        close = [(apart, other) for other in rows if (apart := _closeness(ours, row, theirs, other)) <= 1.0]
-        if close:
-            pairs.append((name, theirs.ids[min(close)[1]]))
+        apart = _closeness(ours, row_of[name], theirs, left)
+        nearest = int(np.argmin(apart))
+        if apart[nearest] <= 1.0:
+            pairs.append((name, theirs.ids[left[nearest]]))
+            left = np.delete(left, nearest)
     return tuple(pairs)
 
 
-def _closeness(ours: LandmarkMap, row: int, theirs: LandmarkMap, other: int) -> float:
-    """How far two landmarks are apart, as a part of how far one may be from itself."""
-    spread = ours.covariance_m2[row] + theirs.covariance_m2[other]
-    limit_m = 3.0 * math.sqrt(0.5 * float(np.trace(spread))) + SAME_PLACE_M
-    return float(np.linalg.norm(ours.mean_m[row] - theirs.mean_m[other])) / limit_m
+def _closeness(ours: LandmarkMap, row: int, theirs: LandmarkMap, others: Ints) -> Floats:
+    """How far a landmark is from others (n,), each as a part of how far one may be from itself."""
+    spread = ours.covariance_m2[row] + theirs.covariance_m2[others]
+    limit_m = 3.0 * np.sqrt(0.5 * np.trace(spread, axis1=1, axis2=2)) + SAME_PLACE_M
+    return np.asarray(np.linalg.norm(ours.mean_m[row] - theirs.mean_m[others], axis=1) / limit_m)
 
 
 def merge(maps: Sequence[Map | Path | str]) -> Merged:

@@ -89,26 +89,22 @@ def _of_covariances(warning: Mapping[str, Any], *, detected: bool) -> str:
     )
 
 
-def heeded(
-    warnings: Iterable[str], verdict: Iterable[str], findings: Iterable[Mapping[str, str]]
-) -> tuple[str, ...]:
-    """The warnings of a run without advice on noise that would be wrong.
-
-    Numbers that are meant otherwise look like noise: where the log has a problem, that comes first, and a
-    filter that was lost may have other reasons than noise.
-    """
-    problems = [finding for finding in findings if finding["severity"] in ("problem", "error")]
-    is_lost = any(sentence.startswith(LOST) for sentence in verdict)
-    if not (problems or is_lost):
+def after_losing(warnings: Iterable[str], verdict: Iterable[str]) -> tuple[str, ...]:
+    """Advice on noise where the filter was lost, which has other reasons too: with what comes first."""
+    if not any(sentence.startswith(LOST) for sentence in verdict):
         return tuple(warnings)
-    others = [sentence for sentence in warnings if _MARK not in sentence]
-    if len(others) == len(tuple(warnings)):
-        return tuple(others)
-    if problems:
-        said = f"{problems[0]['message']} [{problems[0]['code']}]"
-        return (*others, f"what the noise is can be told only when this is put right: {said}")
-    of_noise = [f"{sentence}; {ASK_FIRST}" for sentence in warnings if _MARK in sentence]
-    return (*others, *of_noise)
+    return tuple(f"{sentence}; {ASK_FIRST}" if _MARK in sentence else sentence for sentence in warnings)
+
+
+def after_findings(warnings: Iterable[str], findings: Iterable[Mapping[str, str]]) -> tuple[str, ...]:
+    """No advice on noise where the log has a problem: numbers that are meant otherwise look like noise."""
+    told = tuple(warnings)
+    problems = [finding for finding in findings if finding["severity"] in ("problem", "error")]
+    others = tuple(sentence for sentence in told if _MARK not in sentence)
+    if not problems or len(others) == len(told):
+        return told
+    said = f"{problems[0]['message']} [{problems[0]['code']}]"
+    return (*others, f"what the noise is can be told only when this is put right: {said}")
 
 
 def _sentence(warning: Mapping[str, Any], config: Mapping[str, Any]) -> str:

@@ -22,7 +22,7 @@ from .errors import ConfigError, DataError, NumericalError
 from .filter import landmark_map, step_info
 from .log import Log
 from .maps import Map, StartLike, changes, core_start
-from .noise import Told, heeded, noise_sentences
+from .noise import Told, after_losing, noise_sentences
 from .result import RunResult, Steps, Trajectory
 from .sensor_checks import begun
 from .sensors import Sensor, own_layer
@@ -287,7 +287,7 @@ def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -
         noise=columns["noise"],
     )
     result = judged(result, log, columns["two_places"])
-    return replace(result, warnings=heeded(result.warnings, result.verdict, ()))
+    return replace(result, warnings=after_losing(result.warnings, result.verdict))
 
 
 def peak_memory_bytes() -> int:

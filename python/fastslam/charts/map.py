@@ -10,7 +10,7 @@ from ..evaluation import Evaluation, RigidTransform
 from ..log import Floats, Log
 from ..result import LandmarkMap, RunResult
 from . import palette
-from .panel import Dots, Ellipses, Line, Mark, Panel, range_of
+from .panel import Dots, DotShape, Ellipses, Line, Mark, Panel, range_of
 
 ELLIPSE_SIGMAS = 2.0
 MAX_CLEAR_LANDMARKS = 2000
@@ -96,10 +96,14 @@ def _paths(result: RunResult) -> list[Mark]:
     ]
     path = smoothed if len(smoothed) else live
     if len(path):
-        ends = ((path[:1], "triangle", palette.GOOD, "start"), (path[-1:], "square", palette.EVENT, "end"))
-        for pose, shape, color, name in ends:
-            x, y = pose[:, 0], pose[:, 1]
-            marks.append(Dots(x=x, y=y, color=color, shape=shape, size=8.0, label=name, order=8.0))  # type: ignore[arg-type]
+        ends: tuple[tuple[Floats, DotShape, str, str], ...] = (
+            (path[:1], "triangle", palette.GOOD, "start"),
+            (path[-1:], "square", palette.EVENT, "end"),
+        )
+        marks += [
+            Dots(x=pose[:, 0], y=pose[:, 1], color=color, shape=shape, size=8.0, label=name, order=8.0)
+            for pose, shape, color, name in ends
+        ]
     return marks
 
 

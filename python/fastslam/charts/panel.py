@@ -26,6 +26,9 @@ class Line:
     order: float = 2.0
 
 
+DotShape: TypeAlias = Literal["disc", "cross", "tick", "triangle", "square"]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Dots:
     """Marks of one look. Shapes: (N,). `size` is their diameter in points."""
@@ -33,7 +36,7 @@ class Dots:
     x: Floats
     y: Floats
     color: str
-    shape: Literal["disc", "cross", "tick", "triangle", "square"] = "disc"
+    shape: DotShape = "disc"
     size: float = 3.0
     alpha: float = 1.0
     label: str = ""

@@ -342,10 +342,10 @@ def run_tries(
 
 def _with_findings(result: RunResult, findings: Sequence[Finding]) -> RunResult:
     """The result with what was found in its log, before which no advice on noise is given."""
-    from ..noise import heeded
+    from ..noise import after_findings
 
     told = tuple(finding.to_dict() for finding in findings)
-    return replace(result, findings=told, warnings=heeded(result.warnings, result.verdict, told))
+    return replace(result, findings=told, warnings=after_findings(result.warnings, told))
 
 
 def _list_tries(result: RunResult) -> None:

@@ -85,12 +85,13 @@ impl KeptMap {
         self.now.sighted += u32::from(sighted);
     }
 
-    /// Ends a look.
+    /// Ends a look. What was seen where nothing of the map is in view says nothing.
     pub fn end(&mut self) {
-        if self.now.in_view == 0 {
+        let now = std::mem::take(&mut self.now);
+        if now.in_view == 0 {
             return;
         }
-        push(&mut self.looks, LOOKS, std::mem::take(&mut self.now));
+        push(&mut self.looks, LOOKS, now);
         let mut rest = self.total().in_view;
         while let Some(oldest) = self.looks.front().filter(|oldest| rest - oldest.in_view >= IN_VIEW) {
             rest -= oldest.in_view;
@@ -181,6 +182,21 @@ mod tests {
         assert!(!map.is_left());
         (0..20).for_each(|_| look(&mut map, 5, 0));
         assert!(map.is_left());
+    }
+
+    #[test]
+    fn what_was_seen_outside_the_map_says_nothing() {
+        let mut map = KeptMap::of(30);
+        for _ in 0..50 {
+            (0..9).for_each(|_| map.sighted([3.0, 0.2], OWN));
+            map.end();
+        }
+        for _ in 0..40 {
+            (0..5).for_each(|_| map.looked(false));
+            map.sighted([3.0, 0.2], 4);
+            map.end();
+            assert!(!map.is_left());
+        }
     }
 
     #[test]

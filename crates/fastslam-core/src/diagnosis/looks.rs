@@ -116,11 +116,11 @@ impl Looks {
 
     /// Ends a look; `share` is the weight of the newest one in the averages.
     pub fn end(&mut self, in_view: MapInView, share: f64) {
+        self.kept_map.end();
         if in_view.landmarks == 0 {
             return;
         }
         self.views += 1.0;
-        self.kept_map.end();
         let recent = share.max(1.0 / self.views);
         self.expected += recent * (in_view.expected - self.expected);
         self.sighted += recent * (f64::from(in_view.sighted) - self.sighted);
