@@ -29,4 +29,4 @@ pub use settings::{
     AssociationConfig, AssociationMode, AssociationOrder, Classes, Exclusion, ExistenceConfig, ExistenceForm,
     Identities, Merging, MergingRule, Method, Removal, Signatures,
 };
-pub use table::{CandidateTable, Decision, FitTable};
+pub use table::{CandidateTable, Decision, Evidence, FitTable};

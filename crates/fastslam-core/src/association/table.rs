@@ -79,6 +79,11 @@ impl CandidateTable {
         }
     }
 
+    /// Which candidate a slot is, if it is one.
+    pub fn candidate_of(&self, slot: u32) -> Option<u32> {
+        self.index.get(&slot).copied()
+    }
+
     #[inline(always)]
     fn value(&self, candidate: u32, column: usize, particle: usize) -> f64 {
         self.values[(candidate as usize * self.columns + column) * self.particles + particle]
@@ -119,24 +124,61 @@ impl CandidateTable {
     }
 }
 
+/// What speaks for each pair of a sighting with a candidate of its own beside the place, in every map: logarithms, or none
+/// at all.
+#[derive(Clone, Debug, Default)]
+pub struct Evidence {
+    /// One number per particle and pair; pairs in the order of the sightings, then of their candidates.
+    values: Vec<f64>,
+    particles: usize,
+}
+
+impl Evidence {
+    /// Forgets what spoke for the pairs of the scan before.
+    pub fn clear(&mut self) {
+        self.values.clear();
+    }
+
+    /// Lets `add` say what speaks for every pair: it gets the sighting, the candidate, and a column of zeros to add
+    /// logarithms to.
+    pub fn gather(&mut self, table: &CandidateTable, mut add: impl FnMut(usize, u32, &mut [f64])) {
+        let n = table.particles;
+        self.particles = n;
+        self.values.clear();
+        for (j, candidates) in table.of_sighting.iter().enumerate() {
+            for candidate in candidates {
+                let begin = self.values.len();
+                self.values.resize(begin + n, 0.0);
+                add(j, *candidate, &mut self.values[begin..]);
+            }
+        }
+    }
+
+    /// What speaks for a pair in every map; `None` where nothing speaks for any.
+    #[inline(always)]
+    pub(super) fn of(&self, pair: usize) -> Option<&[f64]> {
+        self.values.get(pair * self.particles..(pair + 1) * self.particles).filter(|column| !column.is_empty())
+    }
+}
+
 /// How well every candidate of every sighting fits in every map, with the beliefs before the scan.
 ///
 /// **Why:** worked out for all particles in passes of vector code, before the particles decide one by one.
 #[derive(Clone, Debug, Default)]
 pub struct FitTable {
+    /// What else speaks for each pair.
+    pub evidence: Evidence,
     /// Per sighting, the first of its pairs with a candidate.
     first_pair: Vec<usize>,
-    /// Log-likelihoods, then squared Mahalanobis distances, of all particles; per pair.
+    /// Log-likelihoods with the evidence, then squared Mahalanobis distances, of all particles; per pair.
     values: Vec<f64>,
-    /// What else speaks for each pair, as a logarithm and apart from the place: one number per particle and pair, or
-    /// none at all.
-    evidence: Vec<f64>,
     particles: usize,
 }
 
 impl FitTable {
-    /// Lays out the pairs of the table and lets `fill` write each: the sighting, the candidate, and the columns of
-    /// log-likelihoods and squared distances. Where a map lacks the candidate, what is written does not count.
+    /// Lays out the pairs of the table, lets `fill` write each, and adds the evidence. `fill` gets the sighting, the
+    /// candidate, and the columns of log-likelihoods and squared distances. Where a map lacks the candidate, what is
+    /// written does not count.
     pub fn fill(&mut self, table: &CandidateTable, mut fill: impl FnMut(usize, u32, &mut [f64], &mut [f64])) {
         self.particles = table.particles;
         self.first_pair.clear();
@@ -146,37 +188,22 @@ impl FitTable {
             pairs += candidates.len();
         }
         self.values.resize(2 * self.particles * pairs, 0.0);
-        self.evidence.clear();
-        let mut columns = self.values.chunks_exact_mut(2 * self.particles.max(1));
+        let mut columns = self.values.chunks_exact_mut(2 * self.particles.max(1)).enumerate();
         for (j, candidates) in table.of_sighting.iter().enumerate() {
-            for (candidate, columns) in candidates.iter().zip(&mut columns) {
+            for (candidate, (pair, columns)) in candidates.iter().zip(&mut columns) {
                 let (log_likelihood, mahalanobis_squared) = columns.split_at_mut(self.particles);
                 fill(j, *candidate, log_likelihood, mahalanobis_squared);
+                if let Some(evidence) = self.evidence.of(pair) {
+                    log_likelihood.iter_mut().zip(evidence).for_each(|(value, more)| *value += *more);
+                }
             }
-        }
-    }
-
-    /// Adds to every pair what speaks for it apart from the place: `add` gets the sighting, the candidate, and a column
-    /// of zeros to add logarithms to.
-    pub fn add_evidence(&mut self, table: &CandidateTable, mut add: impl FnMut(usize, u32, &mut [f64])) {
-        let n = self.particles;
-        self.evidence.resize(self.values.len() / 2, 0.0);
-        let pairs = table.of_sighting.iter().enumerate().flat_map(|(j, c)| c.iter().map(move |c| (j, *c)));
-        for (pair, (j, candidate)) in pairs.enumerate() {
-            let evidence = &mut self.evidence[pair * n..][..n];
-            add(j, candidate, evidence);
-            let log_likelihood = &mut self.values[2 * pair * n..][..n];
-            log_likelihood.iter_mut().zip(evidence).for_each(|(value, more)| *value += *more);
         }
     }
 
     /// What else speaks for a pair.
     #[inline(always)]
     pub(super) fn evidence(&self, sighting: usize, place: usize, particle: usize) -> f64 {
-        if self.evidence.is_empty() {
-            return 0.0;
-        }
-        self.evidence[self.particles * (self.first_pair[sighting] + place) + particle]
+        self.evidence.of(self.first_pair[sighting] + place).map_or(0.0, |column| column[particle])
     }
 
     /// The fit of the candidate that stands at `place` among those of a sighting.

@@ -123,34 +123,33 @@ fn decide_all<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
         return 0;
     }
     let rules = doubtful::rules(&setup.settings, &state.landmarks);
+    let stream = setup.settings.random.stream(Purpose::Association, state.counters.samplings);
+    gather_evidence(&setup.settings, &mut state.landmarks, scan, &mut work.associating);
     let mut fell_back = 0;
-    if decides_by_place_alone(&setup.settings, &state.landmarks) && fast::applies(scan) {
-        decide_together(setup, &rules, work, scan);
+    if fast::applies(rules.method, scan) {
+        decide_together(setup, &rules, stream, work, scan);
     } else {
         let Associating { table, fits, .. } = &mut work.associating;
         fill_fits(setup, (&work.beliefs, scan), table, fits);
-        gather_evidence(&setup.settings, &mut state.landmarks, scan, table, fits);
-        let stream = setup.settings.random.stream(Purpose::Association, state.counters.samplings);
         fell_back = decide_each(setup, &rules, stream, work, scan);
     }
     explain_by_doubtful(setup, &work.beliefs, &mut work.associating, scan);
     fell_back
 }
 
-/// Whether nothing but the place of a landmark says how well it explains a sighting, and the likeliest is taken.
-fn decides_by_place_alone(settings: &Settings, landmarks: &Landmarks) -> bool {
-    settings.rules.method == Method::MaximumLikelihood
-        && landmarks.appearances.is_none()
-        && settings.config.association.detection_of_all_in_view().is_none()
-}
-
 /// Decisions of blocks of particles, in passes of vector code.
-fn decide_together<M: Placing>(setup: &Setup<M>, rules: &Rules, work: &mut Work, scan: &[ScanSighting]) {
+fn decide_together<M: Placing>(
+    setup: &Setup<M>,
+    rules: &Rules,
+    stream: Stream,
+    work: &mut Work,
+    scan: &[ScanSighting],
+) {
     let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
     let Work { associating, beliefs, log_likelihood, .. } = work;
-    let Associating { table, deciding, decisions, .. } = associating;
-    let (table, deciding) = (&*table, &*deciding);
-    let question = fast::Question { rules, model, T_robot_sensor, scan, table };
+    let Associating { table, fits, deciding, decisions, .. } = associating;
+    let (table, evidence, deciding) = (&*table, &fits.evidence, &*deciding);
+    let question = fast::Question { rules, model, T_robot_sensor, scan, table, evidence, stream };
     let whole = (beliefs.columns_mut(), Shares { entries: decisions, each: scan.len() }, log_likelihood.as_mut_slice());
     setup.workers.share(whole, fast::BLOCK, &|first, (beliefs, decisions, log_likelihood)| {
         let answers = fast::Answers { beliefs, decisions: decisions.entries, log_likelihood };
@@ -172,18 +171,18 @@ fn fill_fits<M: Placing>(
     });
 }
 
-/// Adds to the table of fits what speaks for each pair beside the place: appearance, and the odds of a detection.
+/// What speaks for each pair beside the place: appearance, and the odds of a detection.
 fn gather_evidence(
     settings: &Settings,
     landmarks: &mut Landmarks,
     scan: &[ScanSighting],
-    table: &CandidateTable,
-    fits: &mut FitTable,
+    Associating { table, fits, .. }: &mut Associating,
 ) {
+    fits.evidence.clear();
     if landmarks.appearances.is_none() && settings.config.association.detection_of_all_in_view().is_none() {
         return;
     }
-    fits.add_evidence(table, |j, candidate, evidence| {
+    fits.evidence.gather(table, |j, candidate, evidence| {
         let slot = table.slots[candidate as usize];
         add_detection_odds(settings, landmarks, slot, evidence);
         if let Some(appearances) = &mut landmarks.appearances {

@@ -16,6 +16,9 @@ pub(super) type Column = [f64; BLOCK];
 
 pub(super) const ZERO: Column = [0.0; BLOCK];
 
+/// The log-likelihood of what a map lacks.
+pub(super) const ABSENT: f64 = f64::NEG_INFINITY;
+
 /// Numbers of the particles of one block. One value with columns of fixed length: the compiler sees that they do not
 /// overlap.
 #[derive(Clone, Debug)]
@@ -28,13 +31,22 @@ pub(super) struct Lanes {
     pub(super) uncertain: Column,
     /// Value, then xx, xy, yy of the noise, of the sighting that each particle decides.
     pub(super) measured: [Column; 5],
+    /// What speaks for the candidate that each particle considers, beside the place.
+    pub(super) evidence: Column,
     /// Of the sightings so far, tempered.
     pub(super) log_likelihood: Column,
 }
 
 impl Default for Lanes {
     fn default() -> Self {
-        Self { belief: [ZERO; 9], sensor: [ZERO; 3], uncertain: ZERO, measured: [ZERO; 5], log_likelihood: ZERO }
+        Self {
+            belief: [ZERO; 9],
+            sensor: [ZERO; 3],
+            uncertain: ZERO,
+            measured: [ZERO; 5],
+            evidence: ZERO,
+            log_likelihood: ZERO,
+        }
     }
 }
 
@@ -59,9 +71,10 @@ impl Lanes {
         Measured { value: [a[i], b[i]], noise: Symmetric2::new(xx[i], xy[i], yy[i]), tail }
     }
 
-    /// Places the sensors and finds the poses that are known.
+    /// Places the sensors and finds the poses that are known; nothing speaks for any candidate.
     #[inline(always)]
     pub(super) fn begin(&mut self, width: usize, T_robot_sensor: Pose) {
+        self.evidence = ZERO;
         for i in 0..width.min(BLOCK) {
             let belief = self.belief(i);
             let sensor = belief.mean.compose(T_robot_sensor);
@@ -121,10 +134,29 @@ impl Lanes {
         for i in 0..width.min(BLOCK) {
             let (belief, landmark) = (self.belief(i), gaussian(&candidate.gaussian, i));
             let view = belief.view(sight.model, self.sensor(i), &landmark, &self.measured(i, sight.tail));
-            let leads = best.weigh(i, place, candidate.presence[i], belief.judge(&view));
+            let mut fit = belief.judge(&view);
+            fit.log_likelihood += self.evidence[i];
+            let leads = best.weigh(i, place, candidate.presence[i], fit);
             for (column, new) in best.gaussian.iter_mut().zip(&candidate.gaussian) {
                 column[i] = if leads { new[i] } else { column[i] };
             }
+        }
+    }
+
+    /// How likely the sighting that each particle decides is as one of this candidate.
+    #[inline(always)]
+    pub(super) fn judge<M: Placing>(
+        &self,
+        width: usize,
+        sight: &Sight<'_, M>,
+        candidate: &Candidate,
+        log_likelihood: &mut Column,
+    ) {
+        for i in 0..width.min(BLOCK) {
+            let (belief, landmark) = (self.belief(i), gaussian(&candidate.gaussian, i));
+            let view = belief.view(sight.model, self.sensor(i), &landmark, &self.measured(i, sight.tail));
+            let value = belief.judge(&view).log_likelihood + self.evidence[i];
+            log_likelihood[i] = if candidate.presence[i] != 0.0 { value } else { ABSENT };
         }
     }
 
@@ -184,7 +216,7 @@ pub(super) struct Best {
     /// Log-likelihood of the next explanation.
     second: Column,
     /// As [`Candidate::gaussian`].
-    gaussian: [Column; 5],
+    pub(super) gaussian: [Column; 5],
     /// One where it is taken for what was sighted.
     pub(super) accepted: Column,
     /// One where the sighting shows nothing that the map should know.

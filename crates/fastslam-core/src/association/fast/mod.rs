@@ -1,19 +1,23 @@
-//! Maximum-likelihood decisions of many particles at once, as passes of vector code over blocks of particles.
+//! Decisions of many particles at once, by maximum likelihood or drawn, as passes of vector code over blocks of
+//! particles.
 //!
-//! Every particle gets what [`super::decide()`] gives it alone, bit by bit: the same operations in the same order. What
-//! differs from particle to particle (which sighting it decides next, which candidates its map has) is gathered into
-//! columns before the arithmetic.
+//! Every particle gets what [`super::decide()`] or [`super::decide_sampled()`] gives it alone, bit by bit: the same
+//! operations in the same order. What differs from particle to particle (which sighting it decides next, which candidates
+//! its map has) is gathered into columns before the arithmetic.
 
+mod drawn;
 mod lanes;
 
 use super::rules::Rules;
-use super::settings::{AssociationOrder, Exclusion};
-use super::table::{CandidateTable, Decision};
+use super::settings::{AssociationOrder, Exclusion, Method};
+use super::table::{CandidateTable, Decision, Evidence};
 use crate::density::Tail;
 use crate::geometry::Pose;
 use crate::landmark::column;
 use crate::measurement::Placing;
+use crate::random::Stream;
 use crate::sighting::{Measured, ScanSighting};
+use drawn::Drawn;
 pub use lanes::BLOCK;
 use lanes::{rank, Best, Candidate, Column, Lanes, Sight, ZERO};
 
@@ -36,6 +40,10 @@ pub struct Question<'a, M> {
     pub scan: &'a [ScanSighting],
     /// What may have been sighted.
     pub table: &'a CandidateTable,
+    /// What speaks for that beside the place.
+    pub evidence: &'a Evidence,
+    /// Chance, where decisions are drawn: a number by particle and sighting.
+    pub stream: Stream,
 }
 
 /// What at most [`BLOCK`] particles make of it.
@@ -54,6 +62,7 @@ pub struct Answers<'a> {
 pub struct Workspace {
     lanes: Box<Lanes>,
     best: Box<Best>,
+    drawn: Box<Drawn>,
     /// Those of the table, in the maps of the block.
     candidates: Vec<Candidate>,
     /// What each particle compares with when it comes to that: for each another one.
@@ -62,7 +71,9 @@ pub struct Workspace {
     pairs: Vec<u32>,
     /// Per sighting, the first of its pairs; and their number.
     first_pair: Vec<u32>,
-    /// Per pair, how well the two fit by the beliefs before the scan.
+    /// Per pair, what speaks for it beside the place; empty where nothing speaks for any.
+    evidence: Vec<Column>,
+    /// Per pair, how well the two fit by the beliefs before the scan, the evidence included.
     fits: Vec<[Column; 2]>,
     /// Per sighting, by how much its best explanation beats the next.
     margins: Vec<[i64; BLOCK]>,
@@ -83,16 +94,18 @@ enum Order {
     Own,
 }
 
-/// Whether the particles can decide about a scan together: nobody names a landmark, and the noise has one kind of tail.
-pub fn applies(scan: &[ScanSighting]) -> bool {
+/// Whether the particles can decide about a scan together: each sighting by itself, nobody names a landmark, and the noise
+/// has one kind of tail.
+pub fn applies(method: Method, scan: &[ScanSighting]) -> bool {
     let tail = scan.first().map(|sighting| sighting.measured.tail);
-    scan.iter().all(|sighting| sighting.identity.is_none() && Some(sighting.measured.tail) == tail)
+    matches!(method, Method::MaximumLikelihood | Method::Sampled)
+        && scan.iter().all(|sighting| sighting.identity.is_none() && Some(sighting.measured.tail) == tail)
 }
 
 /// Decides about every sighting of a scan to which this [`applies`], for a block of particles that begins with number
 /// `first`.
 ///
-/// **Source:** as [`super::decide()`].
+/// **Source:** as [`super::decide()`] and [`super::decide_sampled()`].
 pub fn decide_block<M: Placing>(
     question: &Question<'_, M>,
     first: usize,
@@ -109,8 +122,12 @@ pub fn decide_block<M: Placing>(
             block.load(&beliefs);
             let order = block.put_in_order();
             for rank in 0..question.scan.len() {
-                block.choose(rank, order);
-                block.settle(rank, order, decisions);
+                if question.rules.method == Method::Sampled {
+                    block.draw(rank, order, decisions);
+                } else {
+                    block.choose(rank, order);
+                    block.settle(rank, order, decisions);
+                }
             }
             block.store(&mut beliefs, log_likelihood);
         },
@@ -126,18 +143,24 @@ struct Block<'a, 'b, M> {
     workspace: &'a mut Workspace,
 }
 
-impl<M: Placing> Block<'_, '_, M> {
+impl<'b, M: Placing> Block<'_, 'b, M> {
     /// Particles, with those that only fill the last vector.
     #[inline(always)]
     fn width(&self) -> usize {
         self.count.next_multiple_of(VECTOR).min(BLOCK)
     }
 
+    /// How sightings are seen.
+    #[inline(always)]
+    fn sight(&self) -> Sight<'b, M> {
+        Sight { model: self.question.model, tail: self.tail }
+    }
+
     /// Takes the beliefs over, and the candidates.
     #[inline(always)]
     fn load(&mut self, beliefs: &[&mut [f64]; 9]) {
         let (width, count, first, table) = (self.width(), self.count, self.first, self.question.table);
-        let Workspace { lanes, candidates, pairs, first_pair, .. } = &mut *self.workspace;
+        let Workspace { lanes, candidates, pairs, first_pair, evidence, .. } = &mut *self.workspace;
         for (column, belief) in lanes.belief.iter_mut().zip(beliefs) {
             column[..count].copy_from_slice(&belief[..count]);
         }
@@ -158,6 +181,12 @@ impl<M: Placing> Block<'_, '_, M> {
             pairs.extend_from_slice(candidates);
         }
         first_pair.push(pairs.len() as u32);
+        evidence.clear();
+        for column in (0..pairs.len()).map_while(|pair| self.question.evidence.of(pair)) {
+            let mut own = ZERO;
+            own[..count].copy_from_slice(&column[first..][..count]);
+            evidence.push(own);
+        }
     }
 
     /// Gives the beliefs back, and the log-likelihoods.
@@ -174,7 +203,7 @@ impl<M: Placing> Block<'_, '_, M> {
     #[inline(always)]
     fn compare_all(&mut self, certain: bool) {
         let (width, tail, Question { model, scan, .. }) = (self.width(), self.tail, self.question);
-        let Workspace { lanes, candidates, pairs, first_pair, fits, .. } = &mut *self.workspace;
+        let Workspace { lanes, candidates, pairs, first_pair, evidence, fits, .. } = &mut *self.workspace;
         fits.resize(pairs.len(), [ZERO; 2]);
         for (sighting, range) in scan.iter().zip(first_pair.windows(2)) {
             let range = range[0] as usize..range[1] as usize;
@@ -187,6 +216,9 @@ impl<M: Placing> Block<'_, '_, M> {
                     lanes.compare(width, *model, &measured, candidate, fit);
                 }
             }
+        }
+        for ([log_likelihood, _], evidence) in fits.iter_mut().zip(evidence) {
+            log_likelihood.iter_mut().zip(evidence).for_each(|(value, more)| *value += *more);
         }
     }
 
@@ -251,16 +283,17 @@ impl<M: Placing> Block<'_, '_, M> {
     /// The best candidate of the sighting that is next.
     #[inline(always)]
     fn choose(&mut self, rank: usize, order: Order) {
-        let (width, sight) = (self.width(), Sight { model: self.question.model, tail: self.tail });
+        let (width, sight) = (self.width(), self.sight());
         self.workspace.best.clear(self.question.rules.log_unexplained_density);
         match order {
             Order::Certain => self.choose_before(rank),
             Order::Given => {
                 self.set_measured(rank);
-                let Workspace { lanes, best, candidates, pairs, first_pair, .. } = &mut *self.workspace;
-                let range = first_pair[rank] as usize..first_pair[rank + 1] as usize;
-                for (place, candidate) in pairs[range].iter().enumerate() {
-                    lanes.consider(width, &sight, place, &candidates[*candidate as usize], best);
+                let range = self.workspace.first_pair[rank] as usize..self.workspace.first_pair[rank + 1] as usize;
+                for (place, pair) in range.enumerate() {
+                    self.set_evidence(pair);
+                    let Workspace { lanes, best, candidates, pairs, .. } = &mut *self.workspace;
+                    lanes.consider(width, &sight, place, &candidates[pairs[pair] as usize], best);
                 }
             }
             Order::Own => {
@@ -282,6 +315,14 @@ impl<M: Placing> Block<'_, '_, M> {
         }
     }
 
+    /// All particles consider the same pair.
+    #[inline(always)]
+    fn set_evidence(&mut self, pair: usize) {
+        if let Some(evidence) = self.workspace.evidence.get(pair) {
+            self.workspace.lanes.evidence = *evidence;
+        }
+    }
+
     /// The sighting that each particle decides; returns how many candidates one of these has at most.
     #[inline(always)]
     fn gather_measured(&mut self, rank: usize) -> usize {
@@ -300,12 +341,15 @@ impl<M: Placing> Block<'_, '_, M> {
     /// The candidate of each particle that stands at `place` among those of its sighting.
     #[inline(always)]
     fn gather_candidates(&mut self, rank: usize, place: usize) {
-        let Workspace { gathered, order, candidates, pairs, first_pair, .. } = &mut *self.workspace;
+        let Workspace { lanes, gathered, order, candidates, pairs, first_pair, evidence, .. } = &mut *self.workspace;
         for (i, &j) in order[rank][..self.count].iter().enumerate() {
             let pair = first_pair[j as usize] as usize + place;
             if pair >= first_pair[j as usize + 1] as usize {
                 gathered.presence[i] = 0.0;
                 continue;
+            }
+            if let Some(evidence) = evidence.get(pair) {
+                lanes.evidence[i] = evidence[i];
             }
             let candidate = &candidates[pairs[pair] as usize];
             gathered.presence[i] = candidate.presence[i];
@@ -315,14 +359,22 @@ impl<M: Placing> Block<'_, '_, M> {
         }
     }
 
-    /// Writes the decisions down and refines the beliefs by them.
+    /// Decides about the sighting that is next by its best candidate.
     #[inline(always)]
     fn settle(&mut self, rank: usize, order: Order, decisions: &mut [Decision]) {
-        let (width, question) = (self.width(), self.question);
-        let (rules, sightings) = (question.rules, question.scan.len());
-        let Workspace { lanes, best, order: own, candidates, pairs, first_pair, .. } = &mut *self.workspace;
+        let (width, rules) = (self.width(), self.question.rules);
+        let Workspace { lanes, best, .. } = &mut *self.workspace;
         let limits = [rules.gate, rules.log_new_density, rules.log_unexplained_density, rules.likelihood_exponent];
         best.settle(width, limits, &mut lanes.log_likelihood);
+        self.write_down(rank, order, decisions);
+    }
+
+    /// Writes the decisions down and refines the beliefs by them.
+    #[inline(always)]
+    fn write_down(&mut self, rank: usize, order: Order, decisions: &mut [Decision]) {
+        let (width, sight, question) = (self.width(), self.sight(), self.question);
+        let (rules, sightings) = (question.rules, question.scan.len());
+        let Workspace { lanes, best, order: own, candidates, pairs, first_pair, .. } = &mut *self.workspace;
         for i in 0..self.count {
             let j = if order == Order::Own { own[rank][i] as usize } else { rank };
             decisions[i * sightings + j] = if best.accepted[i] != 0.0 {
@@ -338,7 +390,7 @@ impl<M: Placing> Block<'_, '_, M> {
             };
         }
         if order != Order::Certain {
-            lanes.refine(width, &Sight { model: question.model, tail: self.tail }, question.T_robot_sensor, best);
+            lanes.refine(width, &sight, question.T_robot_sensor, best);
         }
     }
 }

@@ -1,7 +1,8 @@
 //! The block against the particles one by one.
 
 use super::*;
-use crate::association::{decide, Appearance, Belief, Candidates, FitTable, ParticleHypothesis, Scratch};
+use crate::association::{decide, decide_sampled, Appearance, Belief, Candidates};
+use crate::association::{FitTable, ParticleHypothesis, Sampler, Scratch};
 use crate::config::Config;
 use crate::measurement::RangeBearing;
 use crate::random::{Purpose, RandomSource, Stream};
@@ -72,6 +73,15 @@ fn random_scan(draws: &mut Draws, sightings: usize, tail: Tail) -> Vec<ScanSight
         .collect()
 }
 
+/// Something speaks for or against each pair, or nothing for any.
+fn random_evidence(draws: &mut Draws, table: &CandidateTable) -> Evidence {
+    let mut evidence = Evidence::default();
+    if draws.chance(0.5) {
+        evidence.gather(table, |_, _, column| column.iter_mut().for_each(|value| *value = 4.0 * draws.next() - 2.0));
+    }
+    evidence
+}
+
 /// Poses near the origin, each known or uncertain.
 fn random_belief(draws: &mut Draws, certain: f64) -> Belief {
     let mean = Pose::new(0.3 * draws.next(), 0.3 * draws.next(), 0.1 * draws.next());
@@ -89,8 +99,9 @@ fn numbers_of(belief: &Belief) -> [f64; 9] {
 
 /// What each particle decides alone, with its belief afterwards and the log-likelihood.
 fn one_by_one(question: &Question<'_, RangeBearing>, beliefs: &[Belief]) -> (Vec<Decision>, Vec<[f64; 9]>, Vec<f64>) {
-    let Question { rules, model, T_robot_sensor, scan, table } = *question;
+    let Question { rules, model, T_robot_sensor, scan, table, evidence, stream } = *question;
     let mut fits = FitTable::default();
+    fits.evidence.clone_from(evidence);
     fits.fill(table, |j, candidate, log_likelihood, distance| {
         for (i, belief) in beliefs.iter().enumerate() {
             if let Some(landmark) = table.gaussian(candidate, i) {
@@ -106,7 +117,11 @@ fn one_by_one(question: &Question<'_, RangeBearing>, beliefs: &[Belief]) -> (Vec
         let fits = &fits;
         let among = Candidates { scan, of_sighting: &table.of_sighting };
         let mut one = ParticleHypothesis { model, T_robot_sensor, table, fits, particle, belief, refined: None };
-        log_likelihood.push(decide(rules, among, &mut one, &mut scratch, &mut mine));
+        let draw = |j: usize| stream.uniform(particle as u32, j as u32);
+        log_likelihood.push(match rules.method {
+            Method::Sampled => decide_sampled(&Sampler { rules, draw }, among, &mut one, &mut scratch, &mut mine),
+            _ => decide(rules, among, &mut one, &mut scratch, &mut mine),
+        });
         refined.push(numbers_of(&one.refined.map_or(belief, |(belief, _)| belief)));
         decisions.extend(mine);
     }
@@ -157,28 +172,31 @@ fn compare(
 #[test]
 fn a_block_decides_as_its_particles_do_one_by_one() {
     let (mut seen, mut cases, mut workspace) = ([0; 3], 0, Workspace::default());
-    for case in 0..400 {
+    for case in 0..800 {
         let mut draws = Draws(RandomSource::new(8).stream(Purpose::Simulation, case), 0);
         let mut config = Config::default();
-        let pick = case % 12;
+        let pick = case / 2 % 12;
         config.association.exclusion = if pick % 2 == 0 { Exclusion::OneSighting } else { Exclusion::None };
         config.association.order =
             if pick % 3 == 0 { AssociationOrder::Given } else { AssociationOrder::LeastAmbiguousFirst };
+        config.association.method = if case % 2 == 0 { Method::Sampled } else { Method::MaximumLikelihood };
         config.filter.likelihood_exponent = if draws.chance(0.5) { 1.0 } else { 0.4 };
         let tail = if draws.chance(0.5) { Tail::Gaussian } else { Tail::StudentT(4.0) };
         let particles = 1 + draws.below(150);
-        let sightings = if case % 40 == 7 { MOST_COUNTED + 1 } else { 1 + draws.below(7) };
+        let sightings = if case / 2 % 40 == 7 { MOST_COUNTED + 1 } else { 1 + draws.below(7) };
         let certain = [0.0, 1.0, 0.3][draws.below(3)];
         let table = random_table(&mut draws, particles, sightings);
         let scan = random_scan(&mut draws, sightings, tail);
         let beliefs: Vec<Belief> = (0..particles).map(|_| random_belief(&mut draws, certain)).collect();
         let rules = Rules::new(&config, &MODEL);
-        let question = Question { rules: &rules, model: &MODEL, T_robot_sensor: MOUNTING, scan: &scan, table: &table };
-        assert!(applies(&scan));
+        let (evidence, stream) = (random_evidence(&mut draws, &table), draws.0);
+        let (rules, scan, table, evidence) = (&rules, &scan[..], &table, &evidence);
+        let question = Question { rules, model: &MODEL, T_robot_sensor: MOUNTING, scan, table, evidence, stream };
+        assert!(applies(rules.method, scan));
         compare(&question, &beliefs, &mut seen, &mut workspace);
         cases += 1;
     }
-    assert_eq!(cases, 400);
+    assert_eq!(cases, 800);
     assert!(seen.iter().all(|count| *count > 2_000), "landmark, new, ignored: {seen:?}");
 }
 
@@ -186,7 +204,8 @@ fn a_block_decides_as_its_particles_do_one_by_one() {
 fn named_sightings_and_mixed_tails_are_left_to_the_particles() {
     let mut draws = Draws(RandomSource::new(9).stream(Purpose::Simulation, 0), 0);
     let mut scan = random_scan(&mut draws, 3, Tail::Gaussian);
-    assert!(applies(&scan) && applies(&[]));
+    let applies = |scan: &[ScanSighting]| applies(Method::Sampled, scan);
+    assert!(applies(&scan) && applies(&[]) && !super::applies(Method::Joint, &scan));
     scan[1].measured.tail = Tail::StudentT(4.0);
     assert!(!applies(&scan));
     scan[1].measured.tail = Tail::Gaussian;
