@@ -94,7 +94,7 @@ fn examine_decided<M: Placing>(
 /// Counts the landmarks of the best particle's map that the scan should have shown, and those that it did.
 fn look_at_map<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, best: usize) {
     let Work { examination, associating, beliefs, map_in_view, .. } = work;
-    let Examination { known, in_reach, row, .. } = examination;
+    let Examination { known, sighted, in_reach, row, .. } = examination;
     let State { landmarks, diagnosis, .. } = state;
     let (view, pose) = (diagnosis.watch.view(), beliefs.get(best).mean);
     if !diagnosis.watch.looks_from(pose) {
@@ -106,6 +106,9 @@ fn look_at_map<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, best: us
     in_reach.clear();
     landmarks.find(&region, in_reach);
     row.resize(landmarks.columns(), 0.0);
+    sighted.clear();
+    sighted.resize(associating.table.slots.len(), false);
+    known.iter().for_each(|(_, candidate)| sighted[*candidate as usize] = true);
     let (outlook, mut in_view) = (view.from(pose), MapInView::default());
     let near = diagnosis.watch.reach();
     for &slot in &*in_reach {
@@ -115,7 +118,7 @@ fn look_at_map<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, best: us
         if !landmarks.read_row(slot, best, row) || !counts(row) || !outlook.contains(Planar::mean_of(row)) {
             continue;
         }
-        let sighted = known.iter().any(|(_, candidate)| associating.table.slots[*candidate as usize] == slot);
+        let sighted = associating.table.candidate_of(slot).is_some_and(|candidate| sighted[candidate as usize]);
         diagnosis.watch.looked(&mut in_view, InView { birth, sighted });
         if near.as_ref().is_some_and(|near| near.from(pose).contains(Planar::mean_of(row))) {
             diagnosis.watch.looked_at_kept(birth, sighted);

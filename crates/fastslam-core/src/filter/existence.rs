@@ -7,7 +7,7 @@
 
 use super::landmarks::{Landmarks, EXISTENCE_COLUMNS};
 use super::state::Maps;
-use super::work::{Claims, Correcting, Judging, Verdict};
+use super::work::{Claims, Correcting, Judging, Verdicts};
 use super::{Particles, Settings};
 use crate::association::{Box2, Decision};
 use crate::config::{AssociationConfig, ExistenceForm, Removal};
@@ -83,8 +83,7 @@ pub(super) fn judge(
     let view = View::of(settings);
     list_in_reach(&view, &mut maps, claims, &correcting.sensor_poses, &mut judging.in_reach);
     note_sighted(claims, maps.particles.len(), &mut judging.sighted);
-    judging.verdicts.clear();
-    judging.verdicts.resize(maps.particles.len(), Verdict::Unseen);
+    judging.verdicts.judged.resize(maps.particles.len(), false);
     let mut removed = 0;
     for place in 0..judging.in_reach.len() {
         let slot = judging.in_reach[place];
@@ -92,15 +91,13 @@ pub(super) fn judge(
         if maps.landmarks.birth(slot) >= correcting.first_birth {
             continue;
         }
-        view.find_missed(maps.landmarks, slot, &correcting.sensor_poses, &mut judging.verdicts);
-        if let Some(candidate) = claims.table.slots.iter().position(|s| *s == slot) {
-            enter_sighted(candidate, &correcting.sighting_densities, judging);
-        }
-        if judging.verdicts.iter().all(|v| *v == Verdict::Unseen) {
+        view.find_in_view(maps.landmarks, slot, &correcting.sensor_poses, &mut judging.verdicts.judged);
+        enter_sighted(claims.table.candidate_of(slot), &correcting.sighting_densities, judging);
+        if !judging.verdicts.judged.contains(&true) {
             continue;
         }
         if maps.is_fixed(slot) {
-            odds.weigh_missed(&mut maps, slot, &judging.verdicts);
+            odds.weigh_missed(&mut maps, slot, &judging.verdicts.judged);
         } else {
             removed += odds.count(&mut maps, slot, judging);
         }
@@ -137,15 +134,20 @@ fn note_sighted(claims: Claims<'_>, particles: usize, sighted: &mut Vec<bool>) {
     }
 }
 
-/// Enters the particles that took some sighting for a candidate among the verdicts on it; only Bayes' rule asks for
-/// `densities`, those of the sightings of all candidates in all maps.
-fn enter_sighted(candidate: usize, densities: &[f64], judging: &mut Judging) {
-    let n = judging.verdicts.len();
-    let sighted = &judging.sighted[candidate * n..][..n];
-    let densities = densities.get(candidate * n..).unwrap_or_default();
-    for (i, verdict) in judging.verdicts.iter_mut().enumerate().filter(|(i, _)| sighted[*i]) {
-        *verdict = Verdict::Sighted(densities.get(i).copied().unwrap_or_default());
+/// Enters the particles that took some sighting for a landmark, if that is a candidate, among the verdicts on it; only
+/// Bayes' rule asks for `densities`, those of the sightings of all candidates in all maps.
+fn enter_sighted(candidate: Option<u32>, densities: &[f64], judging: &mut Judging) {
+    let Verdicts { judged, sighted, densities: own } = &mut judging.verdicts;
+    let n = judged.len();
+    sighted.clear();
+    own.clear();
+    if let Some(candidate) = candidate.map(|candidate| candidate as usize) {
+        sighted.extend_from_slice(&judging.sighted[candidate * n..][..n]);
+        own.extend_from_slice(densities.get(candidate * n..).and_then(|rest| rest.get(..n)).unwrap_or_default());
+        judged.iter_mut().zip(&*sighted).for_each(|(judged, sighted)| *judged |= *sighted);
     }
+    sighted.resize(n, false);
+    own.resize(n, 0.0);
 }
 
 /// Where a landmark is surely in view and would have been sighted.
@@ -175,12 +177,12 @@ impl View {
         region
     }
 
-    /// The verdicts of all maps on a landmark before any sighting is looked at: missed where it is in view.
-    fn find_missed(&self, landmarks: &mut Landmarks, slot: u32, poses: &SensorPoses, verdicts: &mut [Verdict]) {
+    /// In which maps a landmark is in view.
+    fn find_in_view(&self, landmarks: &mut Landmarks, slot: u32, poses: &SensorPoses, in_view: &mut [bool]) {
         let Self { near_m: near, far_m: reach, half_width_rad } = *self;
         let rows = landmarks.read(slot);
         let (count, x, y) = (rows.column(column::SIGHTINGS), rows.column(column::MEAN_X), rows.column(column::MEAN_Y));
-        let n = verdicts.len();
+        let n = in_view.len();
         let (count, x, y) = (&count[..n], &x[..n], &y[..n]);
         let (sensor_x, sensor_y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
         vectorized(
@@ -192,8 +194,7 @@ impl View {
                     // No branches: the loop must stay a straight line to become vector code.
                     let reachable = (count[i] != 0.0) & (range_squared < reach * reach) & (range_squared > near * near);
                     let bearing = math::wrap_angle(math::atan2(dy, dx) - heading[i]);
-                    let seen = reachable & (bearing.abs() < half_width_rad);
-                    verdicts[i] = if seen { Verdict::Missed } else { Verdict::Unseen };
+                    in_view[i] = reachable & (bearing.abs() < half_width_rad);
                 }
             },
         );
@@ -202,94 +203,109 @@ impl View {
 
 /// What a scan does to the odds that a landmark exists, and to the weights of the maps that have it in view.
 #[derive(Clone, Copy, Debug)]
-struct Odds<'a> {
-    association: &'a AssociationConfig,
+struct Odds {
+    /// Probability that what exists and is in view is sighted, where maps are weighed by that.
+    detection: Option<f64>,
+    /// What a sighting adds to the log-odds.
+    gain: Gain,
+    /// The log-odds are never higher.
+    highest_log_odds: f64,
     /// Taken away from the log-odds by a scan that misses the landmark.
     missed_log_odds: f64,
-    /// Below this a landmark is removed, where landmarks are.
+    /// Below this a landmark is removed.
     lowest_log_odds: f64,
+    /// Whether landmarks are.
+    removes: bool,
     /// Power of the likelihood in the weight.
     likelihood_exponent: f64,
 }
 
-impl<'a> Odds<'a> {
-    fn of(settings: &'a Settings) -> Self {
+impl Odds {
+    fn of(settings: &Settings) -> Self {
         let association = &settings.config.association;
         let existence = &association.existence;
         Self {
-            association,
+            detection: association.detection_of_all_in_view(),
+            gain: Gain::of(association),
+            highest_log_odds: existence.highest_log_odds,
             missed_log_odds: match (existence.form, association.detection_probability) {
                 (ExistenceForm::Bayes, Some(detection)) => -math::ln(1.0 - detection),
                 _ => existence.missed_log_odds,
             },
             lowest_log_odds: initial_log_odds(settings) + existence.lowest_log_odds - existence.initial_log_odds,
+            removes: existence.removal == Removal::WhenMissed,
             likelihood_exponent: settings.rules.likelihood_exponent,
         }
     }
 
-    /// What it costs a map to have a landmark in view that exists with these odds: ln(1 − r P_D); none where P_D is not
-    /// known.
-    fn log_weight_of_missing(&self, log_odds: f64) -> Option<f64> {
-        let detection = self.association.detection_of_all_in_view()?;
-        Some(self.likelihood_exponent * math::ln(1.0 - math::logistic(log_odds) * detection))
+    /// What it costs a map to have a landmark in view that exists with these odds: ln(1 − r P_D).
+    #[inline(always)]
+    fn log_weight_of_missing(&self, detection: f64, log_odds: f64) -> f64 {
+        self.likelihood_exponent * math::ln(1.0 - math::logistic(log_odds) * detection)
     }
 
-    /// The log-odds after the verdict of a scan.
-    fn after(&self, verdict: Verdict, log_odds: f64) -> f64 {
+    /// The log-odds after a scan that had a landmark in view, or showed it.
+    #[inline(always)]
+    fn after(&self, sighted: bool, density: f64, log_odds: f64) -> f64 {
         // Below this its odds would round to nothing, and nothing could bring it back.
         let floor = self.lowest_log_odds.min(-50.0) - 1.0;
-        match verdict {
-            Verdict::Unseen => log_odds,
-            Verdict::Missed => (log_odds - self.missed_log_odds).max(floor),
-            Verdict::Sighted(density) => {
-                (log_odds + gained(self.association, density)).min(self.association.existence.highest_log_odds)
-            }
+        let missed = (log_odds - self.missed_log_odds).max(floor);
+        let gained = (log_odds + self.gain.of_sighting(density)).min(self.highest_log_odds);
+        if sighted {
+            gained
+        } else {
+            missed
         }
     }
 
     /// What a scan says against the maps that have a landmark in view, where nothing changes the landmark itself.
-    fn weigh_missed(&self, maps: &mut Maps<'_>, slot: u32, verdicts: &[Verdict]) {
+    fn weigh_missed(&self, maps: &mut Maps<'_>, slot: u32, judged: &[bool]) {
         let Some(existence) = &mut maps.landmarks.existence else { return };
-        if self.association.detection_of_all_in_view().is_none() {
-            return;
-        }
-        let log_odds = existence.read(slot).column(1);
-        let Particles { log_weight, score, .. } = &mut *maps.particles;
-        for (i, _) in verdicts.iter().enumerate().filter(|(_, verdict)| **verdict != Verdict::Unseen) {
-            if let Some(missed) = self.log_weight_of_missing(log_odds[i]) {
-                log_weight[i] += missed;
-                score[i] += missed;
-            }
-        }
+        self.weigh(maps.particles, existence.read(slot).column(1), |i| judged[i]);
+    }
+
+    /// Weighs the maps that `chosen` marks by these log-odds of a landmark that they have in view.
+    #[inline(always)]
+    fn weigh(&self, particles: &mut Particles, log_odds: &[f64], chosen: impl Fn(usize) -> bool) {
+        let (Some(detection), n) = (self.detection, log_odds.len()) else { return };
+        let (odds, log_weight, score) = (*self, &mut particles.log_weight[..n], &mut particles.score[..n]);
+        vectorized(
+            #[inline(always)]
+            move || {
+                for i in 0..n {
+                    let missed = odds.log_weight_of_missing(detection, log_odds[i]);
+                    let add = |to: f64| if chosen(i) { to + missed } else { to };
+                    (log_weight[i], score[i]) = (add(log_weight[i]), add(score[i]));
+                }
+            },
+        );
     }
 
     /// Counts one scan for a landmark in every map and removes it from those in which it no longer exists. Returns
     /// whether the best particle lost it.
     fn count(&self, maps: &mut Maps<'_>, slot: u32, judging: &mut Judging) -> u32 {
-        let Judging { verdicts, judged, dead, .. } = judging;
-        judged.clear();
-        judged.extend(verdicts.iter().map(|v| *v != Verdict::Unseen));
-        dead.clear();
-        dead.resize(verdicts.len(), false);
-        let removes = self.association.existence.removal == Removal::WhenMissed;
-        let Particles { log_weight, score, .. } = &mut *maps.particles;
+        let Judging { verdicts: Verdicts { judged, sighted, densities }, dead, .. } = judging;
+        let (odds, n) = (*self, judged.len());
+        dead.resize(n, false);
         let Some(existence) = &mut maps.landmarks.existence else { return 0 };
         existence.update(slot, Some(judged), &mut |rows| {
-            let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
-            for i in (0..judged.len()).filter(|i| judged[*i]) {
-                if present[i] == 0.0 {
-                    continue;
-                }
-                if let Some(missed) = self.log_weight_of_missing(log_odds[i]) {
-                    log_weight[i] += missed;
-                    score[i] += missed;
-                }
-                log_odds[i] = self.after(verdicts[i], log_odds[i]);
-                if removes && log_odds[i] < self.lowest_log_odds {
-                    dead[i] = true;
-                    (present[i], log_odds[i]) = (0.0, 0.0);
-                }
-            }
+            let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>().map(|column| &mut column[..n]);
+            let (judged, sighted, densities, dead) = (&judged[..n], &sighted[..n], &densities[..n], &mut dead[..n]);
+            self.weigh(maps.particles, log_odds, |i| judged[i] & (present[i] != 0.0));
+            vectorized(
+                #[inline(always)]
+                move || {
+                    for i in 0..n {
+                        let counts = judged[i] & (present[i] != 0.0);
+                        let after = odds.after(sighted[i], densities[i], log_odds[i]);
+                        let gone = counts & odds.removes & (after < odds.lowest_log_odds);
+                        let kept = if counts { after } else { log_odds[i] };
+                        log_odds[i] = if gone { 0.0 } else { kept };
+                        present[i] = if gone { 0.0 } else { present[i] };
+                        dead[i] = gone;
+                    }
+                },
+            );
         });
         if dead.contains(&true) {
             maps.lose(slot, dead);
@@ -298,12 +314,33 @@ impl<'a> Odds<'a> {
     }
 }
 
-/// What a sighting with this log-likelihood adds to the log-odds: ln(1 − P_D + P_D N / λ_c), or a fixed number.
-fn gained(association: &AssociationConfig, log_likelihood: f64) -> f64 {
-    match (association.existence.form, association.detection_probability, association.clutter_density) {
-        (ExistenceForm::Bayes, Some(detection), Some(clutter)) => {
-            math::ln(1.0 - detection + detection * math::exp(log_likelihood) / clutter)
+/// What a sighting adds to the log-odds.
+#[derive(Clone, Copy, Debug)]
+enum Gain {
+    /// By Bayes' rule, from P_D and λ_c.
+    Bayes {
+        detection: f64,
+        clutter: f64,
+    },
+    Counted(f64),
+}
+
+impl Gain {
+    fn of(association: &AssociationConfig) -> Self {
+        match (association.existence.form, association.detection_probability, association.clutter_density) {
+            (ExistenceForm::Bayes, Some(detection), Some(clutter)) => Self::Bayes { detection, clutter },
+            _ => Self::Counted(association.existence.sighted_log_odds),
         }
-        _ => association.existence.sighted_log_odds,
+    }
+
+    /// Of a sighting with this log-likelihood: ln(1 − P_D + P_D N / λ_c), or a fixed number.
+    #[inline(always)]
+    fn of_sighting(&self, log_likelihood: f64) -> f64 {
+        match *self {
+            Self::Bayes { detection, clutter } => {
+                math::ln(1.0 - detection + detection * math::exp(log_likelihood) / clutter)
+            }
+            Self::Counted(log_odds) => log_odds,
+        }
     }
 }

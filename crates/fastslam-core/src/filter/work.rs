@@ -159,23 +159,21 @@ pub(super) struct Judging {
     pub in_reach: Vec<u32>,
     /// Whether a particle took some sighting for a candidate: one entry per particle, for each candidate in turn.
     pub sighted: Vec<bool>,
-    pub verdicts: Vec<Verdict>,
+    pub verdicts: Verdicts,
     /// Looks at the landmarks in view, and one of them in one map.
     pub looks: Vec<Look>,
     pub row: Vec<f64>,
-    pub judged: Vec<bool>,
     pub dead: Vec<bool>,
 }
 
-/// What a scan says about a landmark in one map.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Verdict {
-    /// It could not be seen.
-    Unseen,
-    /// It was in view and was not sighted.
-    Missed,
-    /// It was sighted; the log-likelihood of that.
-    Sighted(f64),
+/// What a scan says about a landmark in every map.
+#[derive(Debug, Default)]
+pub(super) struct Verdicts {
+    /// Whether it was surely in view, or sighted.
+    pub judged: Vec<bool>,
+    /// Whether it was sighted, and the log-likelihood of that.
+    pub sighted: Vec<bool>,
+    pub densities: Vec<f64>,
 }
 
 /// Particles that stand for all; evenly spaced, so that they come from different ancestors.
@@ -191,6 +189,8 @@ pub(super) struct Examination {
     pub matches: Vec<([f64; 2], u64)>,
     /// The same sightings by number, with the slot or the candidate.
     pub known: Vec<(usize, u32)>,
+    /// Whether a candidate was sighted.
+    pub sighted: Vec<bool>,
     pub particles: Vec<usize>,
     pub pairs: Vec<Pair>,
     pub predictions: Vec<Prediction>,
