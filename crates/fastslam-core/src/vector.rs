@@ -116,9 +116,41 @@ pub fn sums<const N: usize>(count: usize, terms: impl Fn(usize) -> [f64; N]) -> 
     lanes.map(|l| ((l[0] + l[1]) + (l[2] + l[3])) + ((l[4] + l[5]) + (l[6] + l[7])))
 }
 
+/// The least and the largest of some numbers, of which those that are none do not count; (∞, −∞) without any.
+#[inline(always)]
+pub fn range(count: usize, number: impl Fn(usize) -> f64) -> (f64, f64) {
+    const LANES: usize = 8;
+    let (mut least, mut most) = ([f64::INFINITY; LANES], [f64::NEG_INFINITY; LANES]);
+    let whole = count - count % LANES;
+    for first in (0..whole).step_by(LANES) {
+        for lane in 0..LANES {
+            let number = number(first + lane);
+            least[lane] = if number < least[lane] { number } else { least[lane] };
+            most[lane] = if number > most[lane] { number } else { most[lane] };
+        }
+    }
+    for i in whole..count {
+        let number = number(i);
+        least[0] = if number < least[0] { number } else { least[0] };
+        most[0] = if number > most[0] { number } else { most[0] };
+    }
+    (least.into_iter().fold(f64::INFINITY, f64::min), most.into_iter().fold(f64::NEG_INFINITY, f64::max))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_range_is_that_of_all_numbers_that_are_some() {
+        let numbers: Vec<f64> =
+            (0..40).map(|i| if i % 7 == 3 { f64::NAN } else { (f64::from(i) * 2.3).sin() }).collect();
+        for count in 0..numbers.len() {
+            let some = || numbers[..count].iter().copied().filter(|number| !number.is_nan());
+            let expected = (some().fold(f64::INFINITY, f64::min), some().fold(f64::NEG_INFINITY, f64::max));
+            assert_eq!(range(count, |i| numbers[i]), expected);
+        }
+    }
 
     #[test]
     fn every_level_gives_the_same_bits() {

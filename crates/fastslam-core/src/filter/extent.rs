@@ -7,7 +7,7 @@ use crate::geometry::Pose;
 use crate::math;
 use crate::measurement::Placing;
 use crate::sighting::Measured;
-use crate::vector::vectorized;
+use crate::vector::{range, vectorized};
 
 /// The region of a sighting may be wider than needed by this fraction of its margin on each side.
 const SLACK: f64 = 0.25;
@@ -33,7 +33,7 @@ impl Extent {
         let n = px.len();
         let (py, ph, xx, yy, hh) = (&py[..n], &ph[..n], &xx[..n], &yy[..n], &hh[..n]);
         let any = ph.first().copied().unwrap_or(0.0);
-        let (place, turn, variance) = vectorized(
+        let (place, turn, [position_variance, heading_variance]) = vectorized(
             #[inline(always)]
             || {
                 let place = Box2::around(
@@ -44,28 +44,34 @@ impl Extent {
                         ([sensor.x, sensor.y], [sensor.x, sensor.y])
                     },
                 );
-                let turn = Box2::around(
+                let turn = range(
                     n,
                     #[inline(always)]
-                    |i| ([math::wrap_angle(ph[i] - any), 0.0], [math::wrap_angle(ph[i] - any), 0.0]),
+                    |i| math::wrap_angle(ph[i] - any),
                 );
-                let variance = Box2::around(
+                let (_, position_variance) = range(
                     n,
                     #[inline(always)]
-                    |i| ([0.0; 2], [xx[i] + yy[i], hh[i]]),
+                    |i| xx[i] + yy[i],
                 );
-                (place, turn, variance)
+                let (_, heading_variance) = range(
+                    n,
+                    #[inline(always)]
+                    |i| hh[i],
+                );
+                (place, turn, [position_variance, heading_variance])
             },
         );
-        let middle = |area: &Box2, axis: usize| 0.5 * (area.low[axis] + area.high[axis]);
-        let half = |area: &Box2, axis: usize| 0.5 * (area.high[axis] - area.low[axis]);
-        let heading = math::wrap_angle(any + middle(&turn, 0) + T_robot_sensor.heading);
+        let middle = |(low, high): (f64, f64)| 0.5 * (low + high);
+        let half = |(low, high): (f64, f64)| 0.5 * (high - low);
+        let [x, y] = [0, 1].map(|axis| (place.low[axis], place.high[axis]));
+        let heading = math::wrap_angle(any + middle(turn) + T_robot_sensor.heading);
         Self {
-            T_world_sensor: Pose::new(middle(&place, 0), middle(&place, 1), heading),
-            half_size_m: [half(&place, 0), half(&place, 1)],
-            half_turn_rad: half(&turn, 0),
-            position_variance: variance.high[0],
-            heading_variance: variance.high[1],
+            T_world_sensor: Pose::new(middle(x), middle(y), heading),
+            half_size_m: [half(x), half(y)],
+            half_turn_rad: half(turn),
+            position_variance,
+            heading_variance,
         }
     }
 

@@ -8,7 +8,7 @@ use crate::gaussian::{Gaussian, GaussianOf};
 use crate::given::GivenLandmark;
 use crate::landmark::{Columns, Planar};
 use crate::store::{LandmarkStore, Rows, RowsMut, StoreUsage};
-use crate::vector::vectorized;
+use crate::vector::{range, vectorized};
 use crate::workers::Workers;
 use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
@@ -354,7 +354,7 @@ fn place(grid: &mut Option<Grid>, slot: u32, count: &[f64], [x, y, xx, yy]: &[&[
     let Some(grid) = grid else { return };
     let n = count.len();
     let (x, y, xx, yy) = (&x[..n], &y[..n], &xx[..n], &yy[..n]);
-    let (area, traces) = vectorized(
+    let (area, trace) = vectorized(
         #[inline(always)]
         || {
             // Absent rows get a box that no minimum or maximum notices.
@@ -364,22 +364,19 @@ fn place(grid: &mut Option<Grid>, slot: u32, count: &[f64], [x, y, xx, yy]: &[&[
                 #[inline(always)]
                 |i| if count[i] != 0.0 { ([x[i], y[i]], [x[i], y[i]]) } else { absent },
             );
-            let trace = |i: usize| if count[i] != 0.0 { xx[i] + yy[i] } else { 0.0 };
-            (
-                area,
-                Box2::around(
-                    n,
-                    #[inline(always)]
-                    |i| ([0.0; 2], [trace(i), 0.0]),
-                ),
-            )
+            let (_, trace) = range(
+                n,
+                #[inline(always)]
+                |i| if count[i] != 0.0 { xx[i] + yy[i] } else { 0.0 },
+            );
+            (area, trace)
         },
     );
     if area == Box2::EMPTY {
         grid.remove(slot);
         return;
     }
-    let margin = gate_radius * traces.high[0].max(0.0).sqrt();
+    let margin = gate_radius * trace.max(0.0).sqrt();
     grid.set(slot, Box2 { low: area.low.map(|v| v - margin), high: area.high.map(|v| v + margin) });
 }
 
