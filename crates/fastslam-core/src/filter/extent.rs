@@ -29,39 +29,9 @@ pub struct Extent {
 impl Extent {
     /// Of these beliefs.
     pub fn of(beliefs: &Beliefs, T_robot_sensor: Pose) -> Self {
-        let [px, py, ph, xx, yy, hh] = beliefs.outline();
-        let n = px.len();
-        let (py, ph, xx, yy, hh) = (&py[..n], &ph[..n], &xx[..n], &yy[..n], &hh[..n]);
+        let [_, _, ph, ..] = beliefs.outline();
         let any = ph.first().copied().unwrap_or(0.0);
-        let (place, turn, [position_variance, heading_variance]) = vectorized(
-            #[inline(always)]
-            || {
-                let place = Box2::around(
-                    n,
-                    #[inline(always)]
-                    |i| {
-                        let sensor = Pose::new(px[i], py[i], ph[i]).compose(T_robot_sensor);
-                        ([sensor.x, sensor.y], [sensor.x, sensor.y])
-                    },
-                );
-                let turn = range(
-                    n,
-                    #[inline(always)]
-                    |i| math::wrap_angle(ph[i] - any),
-                );
-                let (_, position_variance) = range(
-                    n,
-                    #[inline(always)]
-                    |i| xx[i] + yy[i],
-                );
-                let (_, heading_variance) = range(
-                    n,
-                    #[inline(always)]
-                    |i| hh[i],
-                );
-                (place, turn, [position_variance, heading_variance])
-            },
-        );
+        let (place, turn, [position_variance, heading_variance]) = spans(beliefs, T_robot_sensor, any);
         let middle = |(low, high): (f64, f64)| 0.5 * (low + high);
         let half = |(low, high): (f64, f64)| 0.5 * (high - low);
         let [x, y] = [0, 1].map(|axis| (place.low[axis], place.high[axis]));
@@ -98,6 +68,42 @@ impl Extent {
             high: [x + apart[0] + margin, y + apart[1] + margin],
         })
     }
+}
+
+/// The sensor's places, the range of the headings from `any` one, and the largest variances of position and heading.
+fn spans(beliefs: &Beliefs, T_robot_sensor: Pose, any: f64) -> (Box2, (f64, f64), [f64; 2]) {
+    let [px, py, ph, xx, yy, hh] = beliefs.outline();
+    let n = px.len();
+    let (py, ph, xx, yy, hh) = (&py[..n], &ph[..n], &xx[..n], &yy[..n], &hh[..n]);
+    vectorized(
+        #[inline(always)]
+        || {
+            let (_, position_variance) = range(
+                n,
+                #[inline(always)]
+                |i| xx[i] + yy[i],
+            );
+            let (_, heading_variance) = range(
+                n,
+                #[inline(always)]
+                |i| hh[i],
+            );
+            let turn = range(
+                n,
+                #[inline(always)]
+                |i| math::wrap_angle(ph[i] - any),
+            );
+            let place = Box2::around(
+                n,
+                #[inline(always)]
+                |i| {
+                    let sensor = Pose::new(px[i], py[i], ph[i]).compose(T_robot_sensor);
+                    ([sensor.x, sensor.y], [sensor.x, sensor.y])
+                },
+            );
+            (place, turn, [position_variance, heading_variance])
+        },
+    )
 }
 
 #[cfg(test)]

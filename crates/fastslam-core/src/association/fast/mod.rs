@@ -5,6 +5,7 @@
 //! operations in the same order. What differs from particle to particle (which sighting it decides next, which candidates
 //! its map has) is gathered into columns before the arithmetic.
 
+mod draw;
 mod drawn;
 mod lanes;
 
