@@ -33,6 +33,9 @@ const KERNELS: [&str; 8] =
     ["correction", "known 1.0", "known 2.0", "unknown 1.0", "unknown 2.0", "large scan", "small scan", "draw"];
 /// Sightings of a large scan.
 const LARGE_SCAN: u32 = 500;
+/// Particles of the steps with one sighting or two, and landmarks around them.
+const FEW_PARTICLES: u32 = 100;
+const FEW_LANDMARKS: u32 = 16;
 /// Steps before the first draw.
 const DRAWN_STEPS: u32 = 50;
 
@@ -53,7 +56,7 @@ fn run(kernel: &str, repetitions: u32) {
         "known 2.0" => step(Algorithm::Fastslam2, Identities::All, repetitions),
         "unknown 1.0" => step(Algorithm::Fastslam1, Identities::None, repetitions),
         "large scan" => scan_all(repetitions),
-        "small scan" => scan_one(repetitions),
+        "small scan" => scan_few(repetitions),
         "draw" => draw(repetitions),
         _ => step(Algorithm::Fastslam2, Identities::None, repetitions),
     }
@@ -131,9 +134,13 @@ fn scan_all(repetitions: u32) {
     steps(&mut filter, repetitions, |_| everything.clone());
 }
 
-/// Steps that see one landmark: drawn associations, odds that landmarks exist, and those that are one.
-fn scan_one(repetitions: u32) {
+/// Steps that see one landmark or two, as UTIAS has them: drawn associations, odds that landmarks exist, and those that
+/// are one.
+fn scan_few(repetitions: u32) {
     let mut settings = config(Algorithm::Fastslam2);
+    settings.filter.particles = FEW_PARTICLES;
+    settings.filter.likelihood_exponent = 0.3;
+    settings.sensor.change(|s| s.tail_degrees_of_freedom = Some(4.0));
     let association = &mut settings.association;
     association.method = Method::Sampled;
     association.detection_probability = Some(0.3);
@@ -142,9 +149,10 @@ fn scan_one(repetitions: u32) {
     association.existence.form = ExistenceForm::Bayes;
     association.existence.removal = Removal::WhenMissed;
     association.merging.rule = MergingRule::Nearby;
-    let everything: Vec<Sighting> = (0..LANDMARKS).map(|n| sighting(n, 16, 6.0)).collect();
+    let around = |n: u32| sighting(n % FEW_LANDMARKS, FEW_LANDMARKS, 6.0);
+    let everything: Vec<Sighting> = (0..FEW_LANDMARKS).map(around).collect();
     let mut filter = begun(settings, Identities::None, &everything);
-    steps(&mut filter, repetitions, |step| vec![sighting(7 * step % LANDMARKS, 16, 6.0)]);
+    steps(&mut filter, repetitions, |step| (0..1 + step % 2).map(|j| around(7 * step + 5 * j)).collect());
 }
 
 /// Draws of the whole path of fifty steps or some more, with landmarks given each.
@@ -209,13 +217,13 @@ fn compare(bless: bool) {
 /// Instructions of one more repetition, per particle and sighting: start and preparation cancel out.
 fn count(kernel: &str) -> Option<f64> {
     let ([few, many], sightings) = match kernel {
-        "large scan" => ([1, 2], LARGE_SCAN),
-        "small scan" => ([20, 60], 1),
-        "draw" => ([1, 5], SCAN * DRAWN_STEPS),
-        _ => ([20, 60], SCAN),
+        "large scan" => ([1, 2], f64::from(LARGE_SCAN) * PARTICLES as f64),
+        "small scan" => ([100, 300], 1.5 * f64::from(FEW_PARTICLES)),
+        "draw" => ([1, 5], f64::from(SCAN * DRAWN_STEPS) * PARTICLES as f64),
+        _ => ([20, 60], f64::from(SCAN) * PARTICLES as f64),
     };
     let total = |repetitions| watched(kernel, repetitions).map(|(instructions, _)| instructions);
-    Some((total(many)? - total(few)?) / (f64::from(many - few) * f64::from(sightings) * PARTICLES as f64))
+    Some((total(many)? - total(few)?) / (f64::from(many - few) * sightings))
 }
 
 /// Instructions of this program with one kernel under valgrind, and what it printed.
