@@ -18,6 +18,7 @@ REFERENCE = {
     "run": (
         "Python: to run",
         *(
+            "fastslam.automatic",
             "fastslam.runner",
             "fastslam.opinion",
             "fastslam.maps",

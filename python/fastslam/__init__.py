@@ -6,6 +6,7 @@ from ._lazy import lazy_names
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from ._core import __version__
+    from .automatic import run
     from .config import Config
     from .conversion import convert
     from .datasets import load
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from .opinion import best_of, second_opinion
     from .result import RunResult
     from .robot import Robot
-    from .runner import run, run_many
+    from .runner import run_many
     from .tuning import tune
 
 __all__ = [
@@ -59,7 +60,7 @@ _MODULE_OF = {
     "convert": "conversion",
     "load": "datasets",
     "localize": "localisation",
-    "run": "runner",
+    "run": "automatic",
     "best_of": "opinion",
     "run_many": "runner",
     "second_opinion": "opinion",
@@ -67,6 +68,7 @@ _MODULE_OF = {
 }
 _MODULES = (
     *(
+        "automatic",
         "calibration",
         "config",
         "conversion",

@@ -7,38 +7,53 @@ import numpy as np
 from .log import Controls, Floats
 
 
+class Between:
+    """Which rows of the odometry lead from each stamp (K,) to the next: one analysis for many readings.
+
+    A row counts from its stamp until the next; before the first one the robot stands.
+    """
+
+    def __init__(self, controls: Controls, stamp_s: Floats) -> None:
+        edges = np.unique(np.concatenate([stamp_s, controls.stamp_s]))
+        edges = edges[(edges >= stamp_s[0]) & (edges <= stamp_s[-1])]
+        rows = len(controls.stamp_s)
+        self._dt_s = np.diff(edges)
+        self._held = np.clip(np.searchsorted(controls.stamp_s, edges[:-1], side="right") - 1, 0, rows - 1)
+        self._moving = edges[:-1] >= controls.stamp_s[0]
+        self._at = np.searchsorted(edges, stamp_s)
+
+    def motion(self, twists: Floats) -> Floats:
+        """Ahead, left and turn (K - 1, 3) in the frame of the earlier pose; `twists` (C, 3): `arc_twists`."""
+        dt_s, at = self._dt_s, self._at
+        speed, aside, rate = (column[self._held] * self._moving for column in twists.T)
+        turned = rate * dt_s
+        turn = _summed(turned)
+        middle = turn[:-1] + 0.5 * rate * dt_s
+        chord = np.sinc(0.5 * rate * dt_s / np.pi) * dt_s
+        ahead, left = speed * chord, aside * chord
+        cosine, sine = np.cos(middle), np.sin(middle)
+        apart_x = np.diff(_summed(cosine * ahead - sine * left)[at])
+        apart_y = np.diff(_summed(sine * ahead + cosine * left)[at])
+        cosine, sine = np.cos(turn[at[:-1]]), np.sin(turn[at[:-1]])
+        return np.column_stack(
+            [cosine * apart_x + sine * apart_y, cosine * apart_y - sine * apart_x, np.diff(turn[at])]
+        )
+
+    def gathered(self, density: Floats) -> Floats:
+        """Integrals (K - 1, P) of densities (C, P) of noise."""
+        sums = (_summed(column[self._held] * self._dt_s)[self._at] for column in density.T)
+        return np.column_stack([np.diff(total) for total in sums])
+
+
 def motion_between(
     controls: Controls, twists: Floats, stamp_s: Floats, density: Floats
 ) -> tuple[Floats, Floats]:
-    """Motion from each stamp to the next, and integrals of densities of noise over the same time.
+    """The motion from each stamp to the next, and the integrals of densities of noise: see `Between`."""
+    between = Between(controls, stamp_s)
+    return between.motion(twists), between.gathered(density)
 
-    Shapes: `twists` (C, 3) as `arc_twists` gives them, `density` (C, P), both held from the stamp
-    of a control until the next; returns (K - 1, 3), ahead, left and turn in the frame of the earlier pose,
-    and (K - 1, P). Before the first control the robot stands.
-    """
-    edges = np.unique(np.concatenate([stamp_s, controls.stamp_s]))
-    edges = edges[(edges >= stamp_s[0]) & (edges <= stamp_s[-1])]
-    dt_s = np.diff(edges)
-    held = np.clip(np.searchsorted(controls.stamp_s, edges[:-1], side="right") - 1, 0, len(twists) - 1)
-    moving = edges[:-1] >= controls.stamp_s[0]
-    twist = twists[held] * moving[:, None]
-    turn = np.concatenate([[0.0], np.cumsum(twist[:, 2] * dt_s)])
-    middle = turn[:-1] + 0.5 * twist[:, 2] * dt_s
-    chord = np.sinc(0.5 * twist[:, 2] * dt_s / np.pi) * dt_s
-    ahead, left = twist[:, 0] * chord, twist[:, 1] * chord
-    step = np.column_stack(
-        [np.cos(middle) * ahead - np.sin(middle) * left, np.sin(middle) * ahead + np.cos(middle) * left]
-    )
-    place = np.vstack([np.zeros(2), np.cumsum(step, axis=0)])
-    gathered = np.vstack([np.zeros(density.shape[1]), np.cumsum(density[held] * dt_s[:, None], axis=0)])
-    at = np.searchsorted(edges, stamp_s)
-    apart = np.diff(place[at], axis=0)
-    cosine, sine = np.cos(turn[at[:-1]]), np.sin(turn[at[:-1]])
-    moved = np.column_stack(
-        [
-            cosine * apart[:, 0] + sine * apart[:, 1],
-            cosine * apart[:, 1] - sine * apart[:, 0],
-            np.diff(turn[at]),
-        ]
-    )
-    return moved, np.diff(gathered[at], axis=0)
+
+def _summed(steps: Floats) -> Floats:
+    """Sums of all steps before each edge, from zero on."""
+    total: Floats = np.concatenate([[0.0], np.cumsum(steps)])
+    return total

@@ -73,7 +73,13 @@ MapOut = Annotated[
     Path | None, typer.Option(metavar="FOLDER", help="Keep the map in this folder too, for `localize`.")
 ]
 Auto = Annotated[
-    bool, typer.Option("--auto", help="Tune first: find noise, gains, mounting and delay, and run with them.")
+    bool | None,
+    typer.Option(
+        "--auto/--no-auto",
+        help="Tune first: find noise, gains, mounting and delay, and run with them; by default where nothing "
+        "states the noise of the robot or the sensor.",
+        show_default=False,
+    ),
 ]
 BestOf = Annotated[
     int | None,
@@ -118,7 +124,7 @@ def run_log(
     json: Json = False,
     verbose: Verbose = False,
     unexamined: Unexamined = False,
-    auto: Auto = False,
+    auto: Auto = None,
     watch: Watching = False,
     watch_port: WatchPort = DEFAULT_PORT,
 ) -> None:
@@ -127,7 +133,9 @@ def run_log(
     Settings come from: defaults < the log's own < --config < --set and the flags below.
 
     Ctrl-C or SIGTERM stops the run: what was computed until then is written, and the exit code is 130.
-    With --auto it tunes first, as `fastslam tune` does, and leaves what was learned in `learned.json`.
+    Where neither the log nor the settings state the noise of the robot or the sensor it tunes first, as
+    `fastslam tune` does, and leaves what was learned in `learned.json`: --auto always, --no-auto never, and
+    not by itself with --checkpoint-every or --resume.
     With --checkpoint-every the same command and --resume goes on from there, to the same bits.
     --watch serves a page on this machine that draws the run and can hold it.
 
@@ -144,7 +152,7 @@ def run_log(
     """
     from ..config import load_config, merge, parse_assignments
     from ..datasets.registry import load
-    from ..runner import configure
+    from ..runner import configure, detected
 
     in_space = format_in_space(path, format)
     if in_space is not None:
@@ -154,7 +162,7 @@ def run_log(
         refuse({**planar, "--watch": watch})
         own = {"filter.particles": particles, "filter.threads": threads, "seed": seed}
         assigned = [*(settings or []), *(f"{key}={value}" for key, value in own.items() if value is not None)]
-        request = SpaceRequest(path, in_space, config, assigned, runs, not no_report, json, auto)
+        request = SpaceRequest(path, in_space, config, assigned, runs, not no_report, json, bool(auto))
         run_in_space(request, prepare_folder(out))
         return
     flags = {"association": association, "algorithm": algorithm, "particles": particles}
@@ -179,9 +187,12 @@ def run_log(
             findings = () if unexamined else _examined(log, configuration)
         reference = LogReference(path, log.format, robot, run, topics)
         folder = prepare_folder(out)
-        if auto:
-            configuration = configure(log, *layers, learned_into(folder, log, merge(*layers), quiet=json))
-        results = Results(folder, reference, report=not no_report, figures=figures, findings=findings)
+        log = detected(log)
+        # A run that leaves its state begins at once, so that it can be stopped at any time.
+        wanted = False if auto is None and (resume or checkpoint_every is not None) else auto
+        learned, warnings = learned_into(folder, log, merge(*layers), wanted=wanted, quiet=json)
+        configuration = configure(log, *layers, learned)
+        results = Results(folder, reference, not no_report, figures, findings, warnings)
         checkpoints = _checkpoints(folder, checkpoint_every, resume=resume)
         port = watch_port if watch else None
         with watched(log.name, configuration, port=port, kind="run") as watcher:
@@ -241,13 +252,14 @@ def prepare_folder(out: Path | None) -> Path:
 
 @dataclass(frozen=True)
 class Results:
-    """Where a run leaves its files, of which log, what was found in it, and whether there are pictures."""
+    """Where a run leaves its files, of which log, whether with pictures, and what was said before the run."""
 
     folder: Path
     reference: LogReference
     report: bool = True
     figures: bool = False
     findings: tuple[Finding, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def pictures(self) -> bool:
@@ -308,7 +320,7 @@ def run_all(
     others: list[Metrics] = []
     with progress_bar(log.name) as advance:
         computed = run_many(log, config, seeds=seeds, progress=advance, checkpoints=checkpoints, watch=watch)
-        first = _with_findings(next(computed), results.findings)
+        first = _with_findings(next(computed), results)
         interrupted = first.interrupted
         # Kept safe at once when further runs, which may fail, are to come.
         metrics = results.write(first, log, pictures=False)
@@ -335,17 +347,18 @@ def run_tries(
             kept = best_of(log, config, seeds=seeds, progress=advance, watch=watch)
     if len(kept.tries) > 2 or tries is not None:
         _list_tries(kept)
-    kept = _with_findings(kept, results.findings)
+    kept = _with_findings(kept, results)
     metrics = results.write(kept, log, pictures=True)
     return Finished(kept, [metrics], results.folder, results.report, kept.interrupted)
 
 
-def _with_findings(result: RunResult, findings: Sequence[Finding]) -> RunResult:
+def _with_findings(result: RunResult, results: Results) -> RunResult:
     """The result with what was found in its log, before which no advice on noise is given."""
     from ..noise import after_findings
 
-    told = tuple(finding.to_dict() for finding in findings)
-    return replace(result, findings=told, warnings=after_findings(result.warnings, told))
+    told = tuple(finding.to_dict() for finding in results.findings)
+    warnings = after_findings(result.warnings, told)
+    return replace(result, findings=told, warnings=(*results.warnings, *warnings))
 
 
 def _list_tries(result: RunResult) -> None:

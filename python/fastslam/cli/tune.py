@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import DataError
 from .console import make_table, progress_bar, stderr, stdout
 from .encoding import print_json
 from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from ..tuning.learn import Value
 
 LEARNED_FILE = "learned.json"
-"""What a run with --auto learned before it: values, intervals, evidence."""
+"""What a run learned before it: values, intervals, evidence."""
 
 
 def tune_log(
@@ -65,18 +66,44 @@ def tune_log(
     typer.echo(written)
 
 
-def learned_into(folder: Path, log: Log, layer: Layer, *, quiet: bool) -> dict[str, Any]:
-    """Tunes, leaves what was learned in a folder of results, and gives the settings found."""
-    from ..resultfiles import to_json, write_atomically
-    from ..timing import stage
-    from ..tuning import tune
+def learned_into(
+    folder: Path, log: Log, layer: Layer, *, wanted: bool | None, quiet: bool
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Tunes where that is `wanted`, or due where None: the settings found, and what the run has to say of it.
 
-    with stage("tune"), progress_bar(log.name) as advance:
-        found = tune(log, layer, progress=advance)
+    What was learned is left in a folder of results. Errors: DataError where it was wanted and cannot be done.
+    """
+    from ..automatic import is_learning_due, learned_first
+    from ..resultfiles import to_json, write_atomically
+
+    if wanted is False or (wanted is None and not is_learning_due(log, layer)):
+        return {}, ()
+    with progress_bar(log.name) as advance:
+        learning = learned_first(log, layer, progress=advance)
+    found = learning.found
+    reason = learning.refusal if found is None else found.best.fault
+    if wanted and reason is not None:
+        raise DataError(f"nothing can be learned from this log: {reason}", log.source)
+    if found is None:
+        return {}, learning.warnings
     write_atomically(folder / LEARNED_FILE, to_json(facts_of(found)))
-    if not quiet:
+    if wanted and not quiet:
         show_tuning(log.name, found)
-    return found.settings
+    elif not quiet:
+        stderr().print(f"note: {_in_short(found)}", markup=False, highlight=False, soft_wrap=True)
+    return found.settings, learning.warnings
+
+
+def _in_short(found: Tuning) -> str:
+    """What was found, in a sentence."""
+    if not found.settings:
+        return "nothing states the noise of robot and sensor; that of the defaults explains the log best"
+    set_ = [value for value in found.values if value.significant]
+    told = ", ".join(f"{value.key} {value.value:.3g}" for value in set_ if value.value != value.stated)
+    return (
+        f"nothing states the noise of robot and sensor: found in the log ({found.evidence_gain:,.0f} nats "
+        f"better than the defaults, {LEARNED_FILE}): {told}"
+    )
 
 
 def show_tuning(name: str, found: Tuning) -> None:

@@ -49,6 +49,9 @@ LEAST_PER_TRACK = 3
 ITERATIONS = 18
 TAIL_FROM = 8
 ROBUST_TAIL = 4.0
+WIDER = 3.0
+"""So many times as wide as the noise that learning begins with is a noise that loops are closed under."""
+NOISES = ("range_std_m", "bearing_std_rad")
 LARGEST_STEP = 0.5
 SETTLED = 0.02
 LEAST_GAIN = 0.25
@@ -335,7 +338,7 @@ def _learned(
         value = _short(square if part.squared else np.sqrt(square))
         settings.append(nested(part.key, value))
         noises.append(Value(part.key, "", value_of(config, part.key), value))
-    for key, unit, variance in zip(("range_std_m", "bearing_std_rad"), ("m", "rad"), noise.seen, strict=True):
+    for key, unit, variance in zip(NOISES, ("m", "rad"), noise.seen, strict=True):
         value = _short(np.sqrt(variance))
         settings.append(nested(f"sensor.{key}", value))
         noises.append(Value(f"sensor.{key}", unit, value_of(config, f"sensor.{key}"), value))
@@ -359,16 +362,21 @@ def reckoned(log: Log, config: Mapping[str, Any], stamp_s: Floats) -> Floats:
     return DeadReckoning(log.controls, config["motion"]).poses_at(stamp_s - config["sensor"]["delay_s"])
 
 
-def repeating(learned: Learned) -> Learned:
-    """The same with the sensor's noise wider by the root of the correlation.
+def widened(learned: Learned, config: Mapping[str, Any], parts: tuple[Part, ...], start: Noise) -> Learned:
+    """The same systematic errors under a noise that is wide for its kind, whatever the residuals say.
 
-    Errors that repeat look small from scan to scan, and do not average out: so many sightings then tell as
-    much as one, and one that is seen again later lies further off than its neighbours do.
+    Errors that last longer than a track look like a place of what is tracked, and odometry that wanders over
+    minutes runs true for seconds: what short tracks say of either is too narrow to close a loop by.
     """
-    root = float(np.sqrt(learned.correlation))
-    sensor = {
-        name: _short(root * learned.settings["sensor"][name]) for name in ("range_std_m", "bearing_std_rad")
+    squares = WIDER**2 * start.squares
+    found = {
+        part.key: square if part.squared else np.sqrt(square)
+        for part, square in zip(parts, squares, strict=True)
     }
-    keys = {f"sensor.{name}": value for name, value in sensor.items()}
-    values = tuple(replace(value, value=keys.get(value.key, value.value)) for value in learned.values)
-    return replace(learned, values=values, settings=merge(learned.settings, {"sensor": sensor}))
+    found |= {f"sensor.{name}": np.sqrt(variance) for name, variance in zip(NOISES, start.seen, strict=True)}
+    short = {key: _short(value) for key, value in found.items()}
+    kept = tuple(value for value in learned.values if value.key not in short)
+    noises = tuple(Value(key, "", value_of(config, key), value) for key, value in short.items())
+    told = [nested(key, value) for key, value in short.items()]
+    settings = merge(learned.settings, *told, nested("sensor.tail_degrees_of_freedom", ROBUST_TAIL))
+    return replace(learned, values=(*kept, *noises), settings=settings)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._between import motion_between
+from .._between import Between
 from ..config import merge
 from ..dead_reckoning import arc_twists
 from ..log import Controls, Floats
@@ -132,17 +132,24 @@ class Links:
 def links(controls: Controls, config: Mapping[str, Any], stamp_s: Floats) -> Links:
     """The links between the stamps of sightings under complete settings."""
     parts = noise_parts(controls, config["motion"])
-    density = np.column_stack([part.density for part in parts])
+    analysed: dict[float, Between] = {}
+
+    def between(settings: Mapping[str, Any]) -> Between:
+        delay_s = settings["sensor"]["delay_s"]
+        if delay_s not in analysed:
+            analysed[delay_s] = Between(controls, stamp_s - delay_s)
+        return analysed[delay_s]
+
+    here_twists = arc_twists(controls, config["motion"])
 
     def moved(settings: Mapping[str, Any]) -> Floats:
-        twists = arc_twists(controls, settings["motion"])
-        return motion_between(controls, twists, stamp_s - settings["sensor"]["delay_s"], density)[0]
+        same = settings["motion"] == config["motion"]
+        return between(settings).motion(here_twists if same else arc_twists(controls, settings["motion"]))
 
     columns = []
     for known in motion_parameters(config["motion"]):
         here = value_of(config, known.key)
         up, down = (merge(config, nested(known.key, here + sign * known.step)) for sign in (1, -1))
         columns.append((moved(up) - moved(down)) / (2 * known.step))
-    twists = arc_twists(controls, config["motion"])
-    motion, share = motion_between(controls, twists, stamp_s - config["sensor"]["delay_s"], density)
-    return Links(motion, np.stack(columns, axis=2), share)
+    density = np.column_stack([part.density for part in parts])
+    return Links(moved(config), np.stack(columns, axis=2), between(config).gathered(density))

@@ -27,11 +27,11 @@ from .learn import (
     learn,
     problem_of,
     reckoned,
-    repeating,
     start_noise,
     stretch_of,
     usable_sightings,
     wide_noise,
+    widened,
 )
 from .motion import DISTANCE, nested, noise_parts, value_of
 from .problem import Noise, Problem
@@ -110,9 +110,18 @@ def tune(log: Log, config: Layer | None = None, *, progress: Progress | None = N
 
     `config` is laid over the log's own settings, as for `run`; what it and the log state is where the search
     begins and what systematic errors are drawn to. At most MOST_RUNS runs of the filter are made. Errors:
-    DataError for a log with too little in it, or where every run was lost or mapped everything twice;
+    DataError for a log with too little in it, or where the best run was lost or mapped everything twice;
     ConfigError for the configuration.
     """
+    found = searched(log, config, progress=progress)
+    if found.best.fault is not None:
+        reason = f"in the best run {found.best.fault}"
+        raise DataError(f"nothing can be learned from this log: {reason}", log.source)
+    return found
+
+
+def searched(log: Log, config: Layer | None = None, *, progress: Progress | None = None) -> Tuning:
+    """As `tune`, but the best of all runs is the answer where none is sound; `best.fault` says why not."""
     log = with_sightings(log)
     configuration = configure(log, config or {})
     refuse_ranges_alone(configuration, "tune")
@@ -122,9 +131,9 @@ def tune(log: Log, config: Layer | None = None, *, progress: Progress | None = N
     begin = beginning(teaching, session.config, wide_noise(log, session.config))
     tracked = session.learned_from_tracks(begin)
     attempts = [start, session.attempt("from short tracks", tracked.settings, tracked)]
-    if tracked.correlation > REPEATING:
-        wider = repeating(tracked)
-        attempts.append(session.attempt("with repeating errors", wider.settings, wider))
+    if tracked.correlation > REPEATING or _better(attempts).fault is not None:
+        wide = session.widened(tracked)
+        attempts.append(session.attempt("with wide noise", wide.settings, wide))
     best = _better(attempts)
     while len(attempts) < MOST_RUNS and best.fault is None:
         relearned = session.learned_from_map(best)
@@ -137,8 +146,6 @@ def tune(log: Log, config: Layer | None = None, *, progress: Progress | None = N
             break
         best = attempts[-1]
     session.finish()
-    if best.fault is not None:
-        raise DataError(f"nothing can be learned from this log: in the best run {best.fault}", log.source)
     return Tuning(
         settings=best.settings,
         values=best.learned.values if best.learned is not None else (),
@@ -212,6 +219,11 @@ class _Session:
         problem = problem_of(self.log, self.config, stretch, places)
         parts = noise_parts(self.log.controls, self.config["motion"])
         return problem, start_noise(parts, problem.links, wide_noise(self.log, self.config))
+
+    def widened(self, tracked: Learned) -> Learned:
+        """What short tracks taught, under a wide noise."""
+        parts = noise_parts(self.log.controls, self.config["motion"])
+        return widened(tracked, self.config, parts, self.problem_from_tracks()[1])
 
     def _tracked(self, config: Mapping[str, Any]) -> tuple[Stretch, tuple[Floats, Floats]]:
         seen, window = usable_sightings(self.log, self.until_s)

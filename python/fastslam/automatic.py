@@ -1,0 +1,148 @@
+"""A run as it comes: where nothing states the noise of robot and sensor, the log is asked for it first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .checkpoint import Checkpoints
+from .config import merge
+from .datasets.registry import load
+from .detection import own_settings
+from .errors import DataError
+from .log import Log
+from .maps import Map, StartLike
+from .result import RunResult
+from .runner import Progress, configure, detected
+from .runner import run as run_once
+from .sensors import Sensor
+from .settings import Layer
+from .several import sensor_names
+from .timing import stage
+from .tuning import Tuning
+from .tuning.session import searched
+
+if TYPE_CHECKING:
+    from .watching import Watch
+
+
+@dataclass(frozen=True)
+class Learning:
+    """What a log said of its noise before the run: the tuning, or why there is none."""
+
+    found: Tuning | None
+    refusal: str = ""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What to lay over the settings; empty where nothing was found."""
+        return {} if self.found is None else self.found.settings
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """A sentence where the log does not tell the noise, or no noise that was tried makes a sound map."""
+        state = "State what you know of it: motion.*_std_*, sensor.*_std_*"
+        nobody = "nothing states the noise of robot and sensor, and"
+        if self.found is None:
+            reason = f"the log does not tell it ({self.refusal})"
+            return (f"{nobody} {reason}: the run takes that of the defaults. {state}",)
+        fault = self.found.best.fault
+        if fault is None:
+            return ()
+        return (f"{nobody} under none that was found in the log is the map sound ({fault}). {state}",)
+
+
+def unstated_noise(log: Log, config: Layer | None = None) -> tuple[str, ...]:
+    """Whose noise neither the log nor `config` states: `motion`, `sensor`, both or none.
+
+    A covariance in each row states it, and so does any standard deviation among the settings.
+    """
+    said = merge(own_settings(log), config or {})
+    rows = {"motion": log.controls.covariance, "sensor": log.sightings.covariance}
+    return tuple(
+        name
+        for name, covariance in rows.items()
+        if covariance is None and not _states_noise(said.get(name) or {})
+    )
+
+
+def is_learning_due(log: Log, config: Layer | None = None) -> bool:
+    """Whether a run of the command `fastslam run` begins with learning: `unstated_noise`, of a kind that
+    `tune` knows."""
+    complete = configure(log, config or {})
+    if complete["algorithm"] == "ekf" or sensor_names(complete):
+        return False
+    return complete["sensor"]["model"] == "range_bearing" and bool(unstated_noise(log, config))
+
+
+def learned_first(log: Log, config: Layer | None = None, *, progress: Progress | None = None) -> Learning:
+    """What the log says of its noise, or why it does not. Errors: `ConfigError` for the configuration."""
+    try:
+        with stage("tune"):
+            return Learning(searched(log, config, progress=progress))
+    except DataError as error:
+        reason = str(error).removeprefix(f"{log.source}: ")
+        return Learning(None, reason.removeprefix("nothing can be learned from this log: "))
+
+
+def run(
+    source: Log | Path | str,
+    config: Layer | None = None,
+    *,
+    format: str | None = None,
+    robot: int | None = None,
+    map: Map | Path | str | None = None,
+    start: StartLike = None,
+    progress: Progress | None = None,
+    checkpoints: Checkpoints | None = None,
+    watch: Watch | None = None,
+    sensor: Sensor | None = None,
+    auto: bool | None = None,
+) -> RunResult:
+    """Runs the filter over a log, given as such or as a path (`format` and `robot` as for `datasets.load`).
+
+    >>> from fastslam.simulation import simulate
+    >>> log = simulate({"seed": 1, "world": {"count": 20}})
+    >>> result = run(log, {"filter": {"particles": 30}})
+    >>> result.landmarks.mean_m.shape == (len(result.landmarks.ids), 2)
+    True
+
+    Where neither the log nor `config` states the noise of the robot or of the sensor it is learned from the
+    log first, with gains, delay and mounting, as by `fastslam.tune`: a few runs more. `result.config` has
+    what was found. With `auto` True that is done in any case, with False never; by itself not with `map`,
+    `sensor` or `checkpoints`, nor for EKF-SLAM, several sensors, or one without ranges or bearings.
+
+    All else is as in `fastslam.runner.run`, which makes one run with the settings as they are.
+    """
+    log = detected(source if isinstance(source, Log) else load(source, format=format, robot=robot))
+    layer = config or {}
+    plain = map is None and sensor is None and checkpoints is None
+    warnings: tuple[str, ...] = ()
+    if auto or (auto is None and plain and is_learning_due(log, layer)):
+        learning = learned_first(log, layer, progress=progress)
+        layer, warnings = merge(layer, learning.settings), learning.warnings
+    result = run_once(
+        log,
+        layer,
+        map=map,
+        start=start,
+        progress=progress,
+        checkpoints=checkpoints,
+        watch=watch,
+        sensor=sensor,
+    )
+    return replace(result, warnings=(*warnings, *result.warnings))
+
+
+def _states_noise(section: Mapping[str, Any]) -> bool:
+    """Whether a partial section of the settings has a standard deviation, or a variance of odometry."""
+    for key, value in section.items():
+        if key == "mounting" or key == "correction":
+            continue
+        if "_std_" in key or key.startswith("alpha"):
+            return True
+        if isinstance(value, Mapping) and _states_noise(value):
+            return True
+    return False

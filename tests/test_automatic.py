@@ -1,0 +1,79 @@
+"""A run of a log that states no noise learns it first; who states it is left alone."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import fastslam
+import pytest
+import yaml
+from cli_runner import fastslam as command
+from fastslam.automatic import is_learning_due, learned_first, unstated_noise
+from fastslam.log import Log
+from fastslam.simulation import simulate
+from small_log import write_small_log
+
+NOISE = {"sensor": {"range_std_m": 0.3, "bearing_std_rad": 0.01}}
+WORLD: dict[str, Any] = {"seed": 7, "max_duration_s": 40.0, **NOISE}
+FEW = {"filter": {"particles": 20}, "association": {"mode": "unknown"}}
+
+
+def untold(log: Log) -> Log:
+    """The log with no word of its noise."""
+    sensor = {key: value for key, value in log.config["sensor"].items() if "_std_" not in key}
+    motion = {key: value for key, value in log.config["motion"].items() if "_std_" not in key}
+    return replace(log, config={**log.config, "sensor": sensor, "motion": {"model": motion["model"]}})
+
+
+@pytest.fixture(scope="module")
+def silent() -> Log:
+    return untold(simulate(WORLD))
+
+
+def test_noise_is_stated_by_the_log_by_settings_or_by_the_rows(silent: Log) -> None:
+    assert unstated_noise(simulate(WORLD)) == ()
+    assert unstated_noise(silent) == ("motion", "sensor")
+    assert unstated_noise(silent, {"sensor": {"range_std_m": 0.2}}) == ("motion",)
+    proportional = {"motion": {"proportional": {"distance_std_m_per_sqrt_m": 0.1}}}
+    assert unstated_noise(silent, proportional) == ("sensor",)
+    assert unstated_noise(silent, {"motion": {"correction": {"turn_gain": 1.1}}}) == ("motion", "sensor")
+    assert not is_learning_due(silent, {"algorithm": "ekf"})
+    assert is_learning_due(silent)
+
+
+def test_what_nobody_stated_is_found(silent: Log) -> None:
+    result = fastslam.run(silent, FEW)
+    assert result.config["sensor"]["range_std_m"] == pytest.approx(0.3, rel=0.25)
+    assert result.config["sensor"]["bearing_std_rad"] == pytest.approx(0.01, rel=0.25)
+    stated = fastslam.run(silent, FEW, auto=False)
+    assert stated.config["sensor"]["range_std_m"] == pytest.approx(0.1)
+    assert stated.log_evidence != result.log_evidence
+
+
+def test_a_log_that_tells_nothing_is_run_as_it_is_with_a_word(tmp_path: Path) -> None:
+    log = fastslam.load(write_small_log(tmp_path / "log", steps=30))
+    assert is_learning_due(log)
+    assert learned_first(log).found is None
+    result = fastslam.run(log, {"filter": {"particles": 20}})
+    assert "nothing states the noise of robot and sensor" in result.warnings[0]
+    assert result.landmarks.mean_m.shape[0] > 0
+
+
+def test_the_command_says_what_it_found_and_leaves_it(tmp_path: Path) -> None:
+    folder, out = tmp_path / "log", tmp_path / "out"
+    simulated = ["--seed", "7", "--set", "max_duration_s=40", "--set", "sensor.range_std_m=0.3"]
+    assert command("simulate", str(folder), *simulated).exit_code == 0
+    stated = yaml.safe_load((folder / "log.yaml").read_text())
+    for section in ("motion", "sensor"):
+        stated[section] = {key: value for key, value in stated[section].items() if "_std_" not in key}
+    (folder / "log.yaml").write_text(yaml.safe_dump(stated))
+    given = ["--particles", "20", "--no-report", "--out", str(out)]
+    answer = command("run", str(folder), *given)
+    assert answer.exit_code == 0
+    assert "nothing states the noise of robot and sensor: found in the log" in answer.stderr
+    learned = json.loads((out / "learned.json").read_text())
+    assert learned["settings"]["sensor"]["range_std_m"] == pytest.approx(0.3, rel=0.25)
+    plain = command("run", str(folder), "--no-auto", *given[:-1], str(tmp_path / "plain"))
+    assert "nothing states" not in plain.stderr
+    assert not (tmp_path / "plain" / "learned.json").exists()
