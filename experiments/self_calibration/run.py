@@ -28,6 +28,7 @@ from fastslam.datasets import load
 from fastslam.errors import FastSlamError
 from fastslam.evaluation import evaluate
 from fastslam.log import Log
+from fastslam.runner import run
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.tuning import Tuning
 
@@ -188,7 +189,7 @@ def measure(case: Case, data: Path) -> dict[str, Any]:
     try:
         found = fastslam.tune(log, settings)
     except FastSlamError as error:
-        return {**row, "refused": str(error), "before": figures(fastslam.run(log, settings), log)}
+        return {**row, "refused": str(error), "before": figures(run(log, settings), log)}
     row["seconds"] = time.perf_counter() - began
     row["before"] = figures(found.attempts[0].result, log)
     row["after"] = figures(found.result, log)

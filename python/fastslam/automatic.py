@@ -44,14 +44,13 @@ class Learning:
     def warnings(self) -> tuple[str, ...]:
         """A sentence where the log does not tell the noise, or no noise that was tried makes a sound map."""
         state = "State what you know of it: motion.*_std_*, sensor.*_std_*"
-        nobody = "nothing states the noise of robot and sensor, and"
         if self.found is None:
-            reason = f"the log does not tell it ({self.refusal})"
-            return (f"{nobody} {reason}: the run takes that of the defaults. {state}",)
+            return (
+                f"the log does not tell its noise ({self.refusal}): the run takes what is stated, and "
+                f"the defaults for the rest. {state}",
+            )
         fault = self.found.best.fault
-        if fault is None:
-            return ()
-        return (f"{nobody} under none that was found in the log is the map sound ({fault}). {state}",)
+        return () if fault is None else (f"no noise that was tried makes a sound map ({fault}). {state}",)
 
 
 def unstated_noise(log: Log, config: Layer | None = None) -> tuple[str, ...]:
@@ -114,6 +113,9 @@ def run(
     what was found. With `auto` True that is done in any case, with False never; by itself not with `map`,
     `sensor` or `checkpoints`, nor for EKF-SLAM, several sensors, or one without ranges or bearings.
 
+    What is stated of the rest is where the search begins, and gives way to what explains the log better. An
+    interrupt while it learns is raised: there is no result yet.
+
     All else is as in `fastslam.runner.run`, which makes one run with the settings as they are.
     """
     log = detected(source if isinstance(source, Log) else load(source, format=format, robot=robot))
@@ -123,6 +125,10 @@ def run(
     if auto or (auto is None and plain and is_learning_due(log, layer)):
         learning = learned_first(log, layer, progress=progress)
         layer, warnings = merge(layer, learning.settings), learning.warnings
+        if learning.found is not None and plain and start is None and watch is None:
+            # The run that was kept is the one that is asked for.
+            kept = learning.found.result
+            return replace(kept, warnings=(*warnings, *kept.warnings))
     result = run_once(
         log,
         layer,

@@ -135,7 +135,7 @@ def run_log(
     Ctrl-C or SIGTERM stops the run: what was computed until then is written, and the exit code is 130.
     Where neither the log nor the settings state the noise of the robot or the sensor it tunes first, as
     `fastslam tune` does, and leaves what was learned in `learned.json`: --auto always, --no-auto never, and
-    not by itself with --checkpoint-every or --resume.
+    not by itself with --checkpoint-every or --resume. What stops it while it tunes leaves no results.
     With --checkpoint-every the same command and --resume goes on from there, to the same bits.
     --watch serves a page on this machine that draws the run and can hold it.
 

@@ -97,12 +97,12 @@ def learned_into(
 def _in_short(found: Tuning) -> str:
     """What was found, in a sentence."""
     if not found.settings:
-        return "nothing states the noise of robot and sensor; that of the defaults explains the log best"
+        return "not all of the noise is stated; the log is explained best by the settings as they are"
     set_ = [value for value in found.values if value.significant]
     told = ", ".join(f"{value.key} {value.value:.3g}" for value in set_ if value.value != value.stated)
     return (
-        f"nothing states the noise of robot and sensor: found in the log ({found.evidence_gain:,.0f} nats "
-        f"better than the defaults, {LEARNED_FILE}): {told}"
+        f"not all of the noise is stated: learned from the log ({found.evidence_gain:,.0f} nats better "
+        f"than the settings as they are, {LEARNED_FILE}): {told}"
     )
 
 
