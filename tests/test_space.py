@@ -113,6 +113,8 @@ def test_a_log_in_which_nothing_is_seen_again_says_so(tmp_path: Path) -> None:
     result = run(load(path))
     assert len(result.landmarks.ids) == len(once) > 0
     assert any(warning.startswith("no landmark was seen twice") for warning in result.warnings)
+    command = ("run", str(path), "--no-report", "--out", str(tmp_path / "out"))
+    assert fastslam(*command).exit_code == 0 and fastslam(*command, "--strict").exit_code == 1
 
 
 def _names(lines: list[str]) -> set[str]:
@@ -145,7 +147,7 @@ def test_the_same_seed_gives_the_same_bits_on_any_number_of_threads(tmp_path: Pa
 
 def test_the_command_leaves_a_folder(tmp_path: Path) -> None:
     path, out = write_log(tmp_path / "log"), tmp_path / "out"
-    finished = fastslam("run", str(path), "--out", str(out), "--runs", "2", "--json")
+    finished = fastslam("run", str(path), "--out", str(out), "--runs", "2", "--json", "--strict")
     assert finished.exit_code == 0, finished.stderr
     facts = json.loads(finished.stdout)
     assert len(facts["runs"]) == 2 and facts["metrics"]["map.matched"] == 8

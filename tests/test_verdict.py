@@ -10,9 +10,10 @@ from typing import Any
 import fastslam
 import numpy as np
 import pytest
+from cli_runner import Outcome
 from cli_runner import fastslam as command
 from fastslam import FastSlam
-from fastslam.datasets import load
+from fastslam.datasets import load, write_native
 from fastslam.errors import ConfigError
 from fastslam.evaluation import evaluate
 from fastslam.health import has_reason
@@ -243,3 +244,33 @@ def test_neither_drift_nor_misread_names_nor_both_ruin_a_map(seed: int, share: f
     off = np.linalg.norm(result.landmarks.mean_m - at, axis=1)[often]
     # In the frame that the robot began in, of which nobody knows more than the first sightings say.
     assert often.sum() > 100 and np.sqrt(np.mean(off**2)) < 1.0
+
+
+def lost_on_the_way(folder: Path) -> None:
+    """A log whose robot is turned by 1 rad half-way, which its odometry does not say."""
+    log = demo()
+    half_s = float(np.median(log.sightings.stamp_s))
+    turned = log.sightings.bearing_rad - np.where(log.sightings.stamp_s > half_s, 1.0, 0.0)
+    bearing_rad = (turned + np.pi) % (2.0 * np.pi) - np.pi
+    write_native(replace(log, sightings=replace(log.sightings, bearing_rad=bearing_rad)), folder)
+
+
+def test_a_script_can_tell_a_run_that_is_not_to_be_believed(tmp_path: Path) -> None:
+    lost_on_the_way(tmp_path / "turned")
+    write_native(demo(), tmp_path / "sound")
+
+    def run(log: str, *options: str) -> Outcome:
+        out = tmp_path / f"{log}-{len(options)}"
+        return command("run", tmp_path / log, "--no-report", "--out", out, "--particles", "20", *options)
+
+    told = run("turned", "--json")
+    assert told.exit_code == 0 and json.loads(told.stdout)["verdict"], "without --strict as ever"
+    strict = run("turned", "--json", "--strict")
+    assert strict.exit_code == 1 and json.loads(strict.stdout)["verdict"], (
+        "the numbers are there all the same"
+    )
+    assert strict.stderr.splitlines()[-1] == "error: the verdict speaks against this run (--strict)"
+    several = run("turned", "--strict", "--runs", "2")
+    assert several.exit_code == 1 and "speaks against 2 of 2 runs" in several.stderr
+    assert run("sound", "--strict").exit_code == 0
+    assert run("sound", "--strict", "--runs", "2").exit_code == 0

@@ -75,3 +75,11 @@ def _reported(message: str, code: int) -> typer.Exit:
     line = " ".join(message.split())
     stderr().print(f"[bold red]error:[/] {escape(line)}", soft_wrap=True, highlight=False)
     return typer.Exit(code)
+
+
+def refuse_unsound(unsound: int, runs: int = 1) -> None:
+    """What --strict does once all is written and shown: exit code 1 where a verdict speaks against a run."""
+    if unsound:
+        which = "this run" if runs == 1 else f"{unsound:,} of {runs:,} runs"
+        stderr().print(f"[bold red]error:[/] the verdict speaks against {which} (--strict)", highlight=False)
+        raise typer.Exit(RUN_FAILED)

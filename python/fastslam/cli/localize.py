@@ -10,7 +10,7 @@ import typer
 from ..errors import ConfigError
 from .console import progress_bar, stderr, stdout
 from .encoding import print_json
-from .errors import RUN_FAILED
+from .errors import RUN_FAILED, refuse_unsound
 from .options import (
     ConfigFile,
     Format,
@@ -22,6 +22,7 @@ from .options import (
     Settings,
     StartPose,
     StartStd,
+    Strict,
     Topics,
     start_given,
     topics_named,
@@ -62,6 +63,7 @@ def localize_log(
         Path | None, typer.Option(metavar="FOLDER", help="Where --extend leaves the map.")
     ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write the numbers only.")] = False,
+    strict: Strict = False,
     json: Json = False,
 ) -> None:
     """Follow a robot through a map: from a known start, or from anywhere in it.
@@ -69,7 +71,7 @@ def localize_log(
     With --keep, the default, the map is never changed; what is new and what is gone is listed. Without
     --start the robot starts at the initial_pose of the configuration or the log; where neither states one,
     and with --start anywhere, it is searched for. Where several places remain likely they are listed, and
-    the exit code is 1.
+    the exit code is 1; with --strict also where the verdict says that the run is not to be believed.
 
     \b
     Examples:
@@ -106,6 +108,8 @@ def localize_log(
         _show(found, written)
     if found.status == "searching":
         raise typer.Exit(RUN_FAILED)
+    if strict and found.result is not None:
+        refuse_unsound(int(bool(found.result.verdict)))
 
 
 def _written(
@@ -155,7 +159,10 @@ def _show(found: Localisation, written: tuple[Path, Any] | None) -> None:
 
 
 def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, Any]:
-    changes = None if found.result is None else found.result.changes
+    from ..verdict import warnings_of
+
+    result = found.result
+    changes = None if result is None else result.changes
     return {
         "status": found.status,
         "start": found.start,
@@ -167,6 +174,8 @@ def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, A
         "changes": None
         if changes is None
         else {"new": changes.new, "gone": changes.gone, "renamed": changes.renamed},
+        "verdict": None if result is None else result.verdict,
+        "warnings": None if result is None else warnings_of(result),
         "results": None if written is None else str(written[0]),
         "metrics": None if written is None else written[1],
     }

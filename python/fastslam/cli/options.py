@@ -44,6 +44,9 @@ Verbose: TypeAlias = Annotated[
     bool, typer.Option("--verbose", "-v", help="Say at the end where the time went.")
 ]
 Json: TypeAlias = Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")]
+Strict: TypeAlias = Annotated[
+    bool, typer.Option("--strict", help="Exit code 1 where the verdict says that it is not to be believed.")
+]
 Seed: TypeAlias = Annotated[int | None, typer.Option(help="Seed of all random numbers.", metavar="S")]
 StartPose: TypeAlias = Annotated[
     str | None,

@@ -16,7 +16,7 @@ from ..errors import ConfigError, DataError
 from ..timing import stage
 from .console import progress_bar, stderr, stdout
 from .encoding import print_json
-from .errors import RUN_FAILED
+from .errors import RUN_FAILED, refuse_unsound
 from .options import (
     ConfigFile,
     Format,
@@ -26,6 +26,7 @@ from .options import (
     Run,
     Seed,
     Settings,
+    Strict,
     Topics,
     Verbose,
     topics_named,
@@ -125,6 +126,7 @@ def run_log(
     verbose: Verbose = False,
     unexamined: Unexamined = False,
     auto: Auto = None,
+    strict: Strict = False,
     watch: Watching = False,
     watch_port: WatchPort = DEFAULT_PORT,
 ) -> None:
@@ -133,6 +135,8 @@ def run_log(
     Settings come from: defaults < the log's own < --config < --set and the flags below.
 
     Ctrl-C or SIGTERM stops the run: what was computed until then is written, and the exit code is 130.
+    A run that comes to its end has exit code 0, also where its verdict (printed, and in --json) says that it
+    is not to be believed; with --strict the code is 1 then. A run that mapped nothing has 1 always.
     Where neither the log nor the settings state the noise of the robot or the sensor it tunes first, as
     `fastslam tune` does, and leaves what was learned in `learned.json`: --auto always, --no-auto never, and
     not by itself with --checkpoint-every or --resume. What stops it while it tunes leaves no results.
@@ -148,6 +152,7 @@ def run_log(
       fastslam run LOG --association unknown --best-of 4
       fastslam run LOG --out results/night --checkpoint-every 60 --resume
       fastslam run LOG --map-out yard.map
+      fastslam run LOG --strict && cp results/latest/landmarks.csv trees.csv
       fastslam run drive.mcap --config car.yaml --topic odometry=/wheels --topic detections=/cones
     """
     from ..config import load_config, merge, parse_assignments
@@ -162,7 +167,9 @@ def run_log(
         refuse({**planar, "--watch": watch})
         own = {"filter.particles": particles, "filter.threads": threads, "seed": seed}
         assigned = [*(settings or []), *(f"{key}={value}" for key, value in own.items() if value is not None)]
-        request = SpaceRequest(path, in_space, config, assigned, runs, not no_report, json, bool(auto))
+        request = SpaceRequest(
+            path, in_space, config, assigned, runs, not no_report, json, bool(auto), strict
+        )
         run_in_space(request, prepare_folder(out))
         return
     flags = {"association": association, "algorithm": algorithm, "particles": particles}
@@ -205,7 +212,7 @@ def run_log(
                 )
             if map_out is not None:
                 finished.result.map.save(map_out)
-            show(finished, json=json)
+            show(finished, json=json, strict=strict)
 
 
 def _checkpoints(folder: Path, every_s: float | None, *, resume: bool) -> Checkpoints | None:
@@ -287,6 +294,8 @@ class Finished:
     folder: Path
     report: bool
     interrupted: bool
+    unsound: int
+    """How many of the runs have a verdict that speaks against them."""
 
     @property
     def warnings(self) -> list[str]:
@@ -321,16 +330,17 @@ def run_all(
     with progress_bar(log.name) as advance:
         computed = run_many(log, config, seeds=seeds, progress=advance, checkpoints=checkpoints, watch=watch)
         first = _with_findings(next(computed), results)
-        interrupted = first.interrupted
+        interrupted, unsound = first.interrupted, int(bool(first.verdict))
         # Kept safe at once when further runs, which may fail, are to come.
         metrics = results.write(first, log, pictures=False)
         for result in computed:
             interrupted = result.interrupted
             if not interrupted:
                 others.append(evaluate(result, log))
+                unsound += bool(result.verdict)
     if results.pictures or others:
         metrics = results.write(first, log, pictures=True, others=others)
-    return Finished(first, [metrics, *others], results.folder, results.report, interrupted)
+    return Finished(first, [metrics, *others], results.folder, results.report, interrupted, unsound)
 
 
 def run_tries(
@@ -349,7 +359,8 @@ def run_tries(
         _list_tries(kept)
     kept = _with_findings(kept, results)
     metrics = results.write(kept, log, pictures=True)
-    return Finished(kept, [metrics], results.folder, results.report, kept.interrupted)
+    unsound = int(bool(kept.verdict))
+    return Finished(kept, [metrics], results.folder, results.report, kept.interrupted, unsound)
 
 
 def _with_findings(result: RunResult, results: Results) -> RunResult:
@@ -368,8 +379,8 @@ def _list_tries(result: RunResult) -> None:
         stderr().print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def show(finished: Finished, *, json: bool = False) -> None:
-    """Prints tables, warnings and where the files lie, or all of it as one JSON object."""
+def show(finished: Finished, *, json: bool = False, strict: bool = False) -> None:
+    """Prints tables, warnings and where the files lie, or one JSON object, and ends with the exit code."""
     if json:
         print_json(_facts(finished))
     else:
@@ -389,6 +400,8 @@ def show(finished: Finished, *, json: bool = False) -> None:
         raise typer.Exit(INTERRUPTED)
     if finished.mapped_nothing:
         raise typer.Exit(RUN_FAILED)
+    if strict:
+        refuse_unsound(finished.unsound, len(finished.metrics))
 
 
 def _facts(finished: Finished) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from .._entry import INTERRUPTED
 from ..errors import ConfigError, DataError
 from .console import make_table, progress_bar, stderr, stdout
 from .encoding import print_json
-from .errors import RUN_FAILED
+from .errors import RUN_FAILED, refuse_unsound
 from .output import LogReference, read_log_reference, write_log_reference
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ class SpaceRequest:
     report: bool
     json: bool
     learn: bool
+    strict: bool = False
 
 
 def format_in_space(path: Path, format: str | None) -> str | None:
@@ -60,6 +61,7 @@ def run_in_space(request: SpaceRequest, folder: Path) -> None:
     from ..space import evaluate, load, run, write_outputs
     from ..space.config import SCHEMA
     from ..space.runner import configure
+    from ..space.verdict import is_unsound
 
     log = load(request.path, format=request.format)
     layers = [SCHEMA.load(request.config)] if request.config is not None else []
@@ -72,9 +74,11 @@ def run_in_space(request: SpaceRequest, folder: Path) -> None:
             config = configure(log, learn(log, SCHEMA.merge(*layers), progress=advance))
     results: list[SpaceResult] = []
     others: list[Metrics] = []
+    unsound = 0
     for number in range(request.runs):
         with progress_bar(log.name) as advance:
             result = run(log, {**config, "seed": config["seed"] + number}, progress=advance)
+        unsound += is_unsound(result)
         if not results:
             results.append(result)
         elif not result.interrupted:
@@ -90,6 +94,8 @@ def run_in_space(request: SpaceRequest, folder: Path) -> None:
         raise typer.Exit(INTERRUPTED)
     if not first.landmarks.ids:
         raise typer.Exit(RUN_FAILED)
+    if request.strict:
+        refuse_unsound(unsound, request.runs)
 
 
 def _show(result: SpaceResult, metrics: list[Metrics], folder: Path, *, json: bool) -> None:

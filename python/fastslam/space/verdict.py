@@ -14,18 +14,20 @@ SMALLEST_RATIO = 0.3
 LONGEST_BLINDNESS_S = 5.0
 WIDEST_TURN_RAD = 0.3
 WIDEST_SHIFT_M = 1.0
+_LOST = "lost: "
+_NO_LANDMARK = "no landmark"
 
 
 def warnings_of(result: SpaceResult, log: SpaceLog) -> tuple[str, ...]:
     """A sentence each; none where nothing was found."""
     found = [*_skipped(result)]
     if len(result.landmarks.ids) == 0:
-        return (*found, "no landmark was mapped: no sighting names one, or none could be used")
+        return (*found, f"{_NO_LANDMARK} was mapped: no sighting names one, or none could be used")
     ratio = result.innovation_ratio
     if np.isnan(ratio):
-        found.append("no landmark was seen twice, so nothing corrects the odometry")
+        found.append(f"{_NO_LANDMARK} was seen twice, so nothing corrects the odometry")
     elif ratio > LARGEST_RATIO:
-        lost = "lost: " if ratio > LOST_RATIO else ""
+        lost = _LOST if ratio > LOST_RATIO else ""
         found.append(
             f"{lost}sightings lie {np.sqrt(ratio):.1f} times as far off as their noise says: "
             "its standard deviations, or those of the motion, are too small, or names are mixed up"
@@ -41,9 +43,14 @@ def warnings_of(result: SpaceResult, log: SpaceLog) -> tuple[str, ...]:
         shift, turn = (np.sqrt(np.trace(covariance[-1, part, part])) for part in (slice(0, 3), slice(3, 6)))
         if shift > WIDEST_SHIFT_M or turn > WIDEST_TURN_RAD:
             found.append(
-                f"lost: at the end the pose is known to {shift:.2f} m and {np.degrees(turn):.0f} degrees"
+                f"{_LOST}at the end the pose is known to {shift:.2f} m and {np.degrees(turn):.0f} degrees"
             )
     return tuple(found)
+
+
+def is_unsound(result: SpaceResult) -> bool:
+    """Whether what was found says that map and path are not to be believed, and not that noise is off."""
+    return any(sentence.startswith((_LOST, _NO_LANDMARK)) for sentence in result.warnings)
 
 
 def _skipped(result: SpaceResult) -> list[str]:
