@@ -51,6 +51,20 @@ def test_what_nobody_stated_is_found(silent: Log) -> None:
     assert stated.log_evidence != result.log_evidence
 
 
+@pytest.mark.parametrize("share", [0.1, 0.3], ids=["in the first run", "in the second"])
+def test_who_stops_the_learning_keeps_the_best_run_until_then(silent: Log, share: float) -> None:
+    def stop(done: int, total: int) -> None:
+        if done > share * total:
+            raise KeyboardInterrupt
+
+    result = fastslam.run(silent, FEW, progress=stop)
+    assert result.interrupted and not result.warnings
+    whole = fastslam.run(silent, FEW, auto=False)
+    assert (len(result.steps.stamp_s) == len(whole.steps.stamp_s)) == (share > 0.2)
+    with pytest.raises(KeyboardInterrupt):
+        fastslam.tune(silent, FEW, progress=stop)
+
+
 def test_a_log_that_tells_nothing_is_run_as_it_is_with_a_word(tmp_path: Path) -> None:
     log = fastslam.load(write_small_log(tmp_path / "log", steps=30))
     assert is_learning_due(log)

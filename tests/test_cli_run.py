@@ -215,12 +215,18 @@ def test_demo_in_a_real_process_takes_less_than_ten_seconds(tmp_path: Path) -> N
     assert elapsed_s < 30.0
 
 
+CHECKPOINTS = ("--checkpoint-every", "600")
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
-def test_a_stopped_run_keeps_what_was_computed_and_exits_130(number: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("options", [CHECKPOINTS, ()], ids=["at once", "while it learns the noise"])
+def test_a_stopped_run_keeps_what_was_computed_and_exits_130(
+    number: int, options: tuple[str, ...], tmp_path: Path
+) -> None:
     log = write_small_log(tmp_path / "log", steps=6000)
     out = tmp_path / "out"
-    options = ("--particles", "50000", "--no-report", "--checkpoint-every", "600")
-    with process("run", log, "--out", out, *options, cwd=tmp_path) as run:
+    given = ("--particles", "50000", "--no-report", *options)
+    with process("run", log, "--out", out, *given, cwd=tmp_path) as run:
         deadline = time.monotonic() + 60.0
         while not out.exists() and time.monotonic() < deadline:
             time.sleep(0.05)
@@ -235,7 +241,7 @@ def test_a_stopped_run_keeps_what_was_computed_and_exits_130(number: int, tmp_pa
     assert 0 < len(result.steps.stamp_s) < 600
     assert result.trajectory.stamp_s[-1] == pytest.approx(result.steps.stamp_s[-1])
     assert json.loads((out / "metrics.json").read_text())["steps"] == len(result.steps.stamp_s)
-    assert (out / "checkpoint.fastslam").stat().st_size > 1_000
+    assert (out / "checkpoint.fastslam").exists() == bool(options)
 
 
 def test_bad_input_in_a_real_process(tmp_path: Path) -> None:

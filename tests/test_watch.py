@@ -166,7 +166,8 @@ def program(*arguments: object, **streams: Any) -> Iterator[tuple[subprocess.Pop
 
 def test_a_page_holds_a_run_and_sees_it_to_its_end(tmp_path: Path) -> None:
     log, out = write_small_log(tmp_path / "log", steps=2000), tmp_path / "out"
-    with program("run", log, "--out", out, "--no-report", "--particles", 1000) as (process, page):
+    options = ("--no-auto", "--no-report", "--particles", 1000)
+    with program("run", log, "--out", out, *options) as (process, page):
         assert page.ask("/pace", {"paused": True, "speed": 0})[0] == 200
         events = page.events()
         kind, scene = next(events)
@@ -206,7 +207,8 @@ def test_a_page_that_closes_lets_the_run_go_on(monkeypatch: pytest.MonkeyPatch) 
 def test_ctrl_c_ends_a_run_that_is_held_and_keeps_what_there_is(tmp_path: Path) -> None:
     # Long enough not to be at its end before the page asks.
     log, out = write_small_log(tmp_path / "log", steps=20_000), tmp_path / "out"
-    with program("run", log, "--out", out, "--no-report", "--particles", 3000) as (process, page):
+    options = ("--no-auto", "--no-report", "--particles", 3000)
+    with program("run", log, "--out", out, *options) as (process, page):
         page.ask("/pace", {"paused": True, "speed": 0})
         next(data for kind, data in page.events() if kind == "frame")
         process.send_signal(signal.SIGINT)

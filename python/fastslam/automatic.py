@@ -49,7 +49,7 @@ class Learning:
                 f"the log does not tell its noise ({self.refusal}): the run takes what is stated, and "
                 f"the defaults for the rest. {state}",
             )
-        fault = self.found.best.fault
+        fault = None if self.found.interrupted else self.found.best.fault
         return () if fault is None else (f"no noise that was tried makes a sound map ({fault}). {state}",)
 
 
@@ -114,7 +114,7 @@ def run(
     `sensor` or `checkpoints`, nor for EKF-SLAM, several sensors, or one without ranges or bearings.
 
     What is stated of the rest is where the search begins, and gives way to what explains the log better. An
-    interrupt while it learns is raised: there is no result yet.
+    interrupt while it learns ends it with the best run until then; with `map` or `start` it is raised.
 
     All else is as in `fastslam.runner.run`, which makes one run with the settings as they are.
     """
@@ -125,10 +125,11 @@ def run(
     if auto or (auto is None and plain and is_learning_due(log, layer)):
         learning = learned_first(log, layer, progress=progress)
         layer, warnings = merge(layer, learning.settings), learning.warnings
-        if learning.found is not None and plain and start is None and watch is None:
-            # The run that was kept is the one that is asked for.
-            kept = learning.found.result
-            return replace(kept, warnings=(*warnings, *kept.warnings))
+        found, as_asked = learning.found, plain and start is None
+        if found is not None and found.interrupted and not as_asked:
+            raise KeyboardInterrupt
+        if found is not None and as_asked and (watch is None or found.interrupted):
+            return replace(found.result, warnings=(*warnings, *found.result.warnings))
     result = run_once(
         log,
         layer,

@@ -139,7 +139,7 @@ def run_log(
     is not to be believed; with --strict the code is 1 then. A run that mapped nothing has 1 always.
     Where neither the log nor the settings state the noise of the robot or the sensor it tunes first, as
     `fastslam tune` does, and leaves what was learned in `learned.json`: --auto always, --no-auto never, and
-    not by itself with --checkpoint-every or --resume. What stops it while it tunes leaves no results.
+    not by itself with --checkpoint-every or --resume. Stopped while it tunes, it leaves the best run so far.
     With --checkpoint-every the same command and --resume goes on from there, to the same bits.
     --watch serves a page on this machine that draws the run and can hold it.
 
@@ -197,9 +197,12 @@ def run_log(
         log = detected(log)
         # A run that leaves its state begins at once, so that it can be stopped at any time.
         wanted = False if auto is None and (resume or checkpoint_every is not None) else auto
-        learned, warnings = learned_into(folder, log, merge(*layers), wanted=wanted, quiet=json)
-        configuration = configure(log, *layers, learned)
+        learning = learned_into(folder, log, merge(*layers), wanted=wanted, quiet=json)
+        warnings = () if learning is None else learning.warnings
         results = Results(folder, reference, not no_report, figures, findings, warnings)
+        if learning is not None and learning.found is not None and learning.found.interrupted:
+            show(kept_run(learning.found.result, log, results), json=json)
+        configuration = configure(log, *layers, {} if learning is None else learning.settings)
         checkpoints = _checkpoints(folder, checkpoint_every, resume=resume)
         port = watch_port if watch else None
         with watched(log.name, configuration, port=port, kind="run") as watcher:
@@ -357,7 +360,12 @@ def run_tries(
             kept = best_of(log, config, seeds=seeds, progress=advance, watch=watch)
     if len(kept.tries) > 2 or tries is not None:
         _list_tries(kept)
-    kept = _with_findings(kept, results)
+    return kept_run(kept, log, results)
+
+
+def kept_run(result: RunResult, log: Log, results: Results) -> Finished:
+    """Writes all files of a run that was made."""
+    kept = _with_findings(result, results)
     metrics = results.write(kept, log, pictures=True)
     unsound = int(bool(kept.verdict))
     return Finished(kept, [metrics], results.folder, results.report, kept.interrupted, unsound)

@@ -14,6 +14,7 @@ from .encoding import print_json
 from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settings
 
 if TYPE_CHECKING:
+    from ..automatic import Learning
     from ..log import Log
     from ..settings import Layer
     from ..tuning import Tuning
@@ -68,30 +69,32 @@ def tune_log(
 
 def learned_into(
     folder: Path, log: Log, layer: Layer, *, wanted: bool | None, quiet: bool
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """Tunes where that is `wanted`, or due where None: the settings found, and what the run has to say of it.
+) -> Learning | None:
+    """Tunes where that is `wanted`, or due where None, and leaves what was learned in a folder of results.
 
-    What was learned is left in a folder of results. Errors: DataError where it was wanted and cannot be done.
+    Errors: DataError where it was wanted and cannot be done.
     """
     from ..automatic import is_learning_due, learned_first
     from ..resultfiles import to_json, write_atomically
 
     if wanted is False or (wanted is None and not is_learning_due(log, layer)):
-        return {}, ()
+        return None
     with progress_bar(log.name) as advance:
         learning = learned_first(log, layer, progress=advance)
     found = learning.found
+    if found is not None and found.interrupted:
+        return learning
     reason = learning.refusal if found is None else found.best.fault
     if wanted and reason is not None:
         raise DataError(f"nothing can be learned from this log: {reason}", log.source)
     if found is None:
-        return {}, learning.warnings
+        return learning
     write_atomically(folder / LEARNED_FILE, to_json(facts_of(found)))
     if wanted and not quiet:
         show_tuning(log.name, found)
     elif not quiet:
         stderr().print(f"note: {_in_short(found)}", markup=False, highlight=False, soft_wrap=True)
-    return found.settings, learning.warnings
+    return learning
 
 
 def _in_short(found: Tuning) -> str:

@@ -76,11 +76,13 @@ class Tuning:
     attempts: tuple[Attempt, ...]
     hypotheses: tuple[Tried, ...]
     best: Attempt
+    interrupted: bool = False
+    """Whether the search was stopped: `best` is what it had then."""
 
     @property
     def result(self) -> RunResult:
         """The run with the settings found."""
-        return self.best.result
+        return replace(self.best.result, interrupted=True) if self.interrupted else self.best.result
 
     @property
     def ratio(self) -> float:
@@ -114,6 +116,8 @@ def tune(log: Log, config: Layer | None = None, *, progress: Progress | None = N
     ConfigError for the configuration.
     """
     found = searched(log, config, progress=progress)
+    if found.interrupted:
+        raise KeyboardInterrupt
     if found.best.fault is not None:
         reason = f"in the best run {found.best.fault}"
         raise DataError(f"nothing can be learned from this log: {reason}", log.source)
@@ -121,40 +125,54 @@ def tune(log: Log, config: Layer | None = None, *, progress: Progress | None = N
 
 
 def searched(log: Log, config: Layer | None = None, *, progress: Progress | None = None) -> Tuning:
-    """As `tune`, but the best of all runs is the answer where none is sound; `best.fault` says why not."""
+    """As `tune`, but the best of all runs is the answer where none is sound; `best.fault` says why not.
+
+    A KeyboardInterrupt ends the search with the best run until then, be it half a one, and is raised where
+    there is none yet.
+    """
     log = with_sightings(log)
     configuration = configure(log, config or {})
     refuse_ranges_alone(configuration, "tune")
     session = _Session(log, configuration, config or {}, progress)
-    start = session.attempt("as stated", {}, None)
-    teaching = replace(log, sightings=usable_sightings(log, session.until_s)[0])
-    begin = beginning(teaching, session.config, wide_noise(log, session.config))
-    tracked = session.learned_from_tracks(begin)
-    attempts = [start, session.attempt("from short tracks", tracked.settings, tracked)]
-    if tracked.correlation > REPEATING or _better(attempts).fault is not None:
-        wide = session.widened(tracked)
-        attempts.append(session.attempt("with wide noise", wide.settings, wide))
-    best = _better(attempts)
-    while len(attempts) < MOST_RUNS and best.fault is None:
-        relearned = session.learned_from_map(best)
-        if relearned is None:
-            break
-        attempts.append(
-            session.attempt(f"from the map of run {len(attempts)}", relearned.settings, relearned)
-        )
-        if _better([best, attempts[-1]]) is best:
-            break
-        best = attempts[-1]
-    session.finish()
+    interrupted = False
+    try:
+        best = _search(session)
+    except KeyboardInterrupt:
+        if not session.attempts:
+            raise
+        interrupted, best = True, _better(session.attempts)
     return Tuning(
         settings=best.settings,
         values=best.learned.values if best.learned is not None else (),
-        evidence_gain=best.evidence - start.evidence,
+        evidence_gain=best.evidence - session.attempts[0].evidence,
         judged=int(np.sum(log.sightings.stamp_s > session.until_s)),
-        attempts=tuple(attempts),
-        hypotheses=begin.tried,
+        attempts=tuple(session.attempts),
+        hypotheses=session.hypotheses,
         best=best,
+        interrupted=interrupted,
     )
+
+
+def _search(session: _Session) -> Attempt:
+    """Runs as stated, as short tracks teach, with a wide noise, as the best map teaches: the best of them."""
+    session.attempt("as stated", {}, None)
+    tracked = session.learned_from_tracks(session.begun())
+    session.attempt("from short tracks", tracked.settings, tracked)
+    if tracked.correlation > REPEATING or _better(session.attempts).fault is not None:
+        wide = session.widened(tracked)
+        session.attempt("with wide noise", wide.settings, wide)
+    best = _better(session.attempts)
+    while len(session.attempts) < MOST_RUNS and best.fault is None:
+        relearned = session.learned_from_map(best)
+        if relearned is None:
+            break
+        name = f"from the map of run {len(session.attempts)}"
+        latest = session.attempt(name, relearned.settings, relearned)
+        if _better([best, latest]) is best:
+            break
+        best = latest
+    session.finish()
+    return best
 
 
 def _better(attempts: list[Attempt]) -> Attempt:
@@ -178,25 +196,36 @@ class _Session:
             raise DataError("the log has no sightings to learn from", log.source)
         self.until_s = float(np.quantile(log.sightings.stamp_s, LEARNED_SHARE))
         self._named = config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
-        self._runs = 0
+        self.attempts: list[Attempt] = []
+        self.hypotheses: tuple[Tried, ...] = ()
         wide = wide_noise(log, config)
         noise = {"range_std_m": float(wide[0]), "bearing_std_rad": float(wide[1])}
         self._common = merge(config, {"sensor": {**noise, "tail_degrees_of_freedom": None}})
 
     def attempt(self, name: str, settings: dict[str, Any], learned: Learned | None) -> Attempt:
-        """Runs the filter with settings over those stated."""
+        """Runs the filter with settings over those stated. An interrupted run counts if it is the first."""
 
-        def advance(done: int, total: int, number: int = self._runs) -> None:
+        def advance(done: int, total: int, number: int = len(self.attempts)) -> None:
             if self._progress is not None:
                 self._progress(number * total + done, MOST_RUNS * total)
 
         result = run(self.log, merge(self._layer, settings), progress=advance)
-        if result.interrupted:
+        if result.interrupted and self.attempts:
             raise KeyboardInterrupt
-        self._runs += 1
         fault = fault_of(result)
         nats = evidence(result, self.until_s, self._common)
-        return Attempt(name, settings, learned, result, nats, None if fault is None else fault.message)
+        fault_message = None if fault is None else fault.message
+        self.attempts.append(Attempt(name, settings, learned, result, nats, fault_message))
+        if result.interrupted:
+            raise KeyboardInterrupt
+        return self.attempts[-1]
+
+    def begun(self) -> Beginning:
+        """The hypothesis that a stretch of the log speaks for, by which short tracks are followed first."""
+        teaching = replace(self.log, sightings=usable_sightings(self.log, self.until_s)[0])
+        begin = beginning(teaching, self.config, wide_noise(self.log, self.config))
+        self.hypotheses = begin.tried
+        return begin
 
     def finish(self) -> None:
         """Tells the progress that no more runs are made."""
