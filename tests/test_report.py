@@ -12,8 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fabricate import make_log, make_map, make_run, make_steps, truth_path
+from fastslam.charts.layout import frames
 from fastslam.charts.map import ellipse_axes
 from fastslam.charts.over_time import position_std_m
+from fastslam.charts.panel import Chart, Panel
+from fastslam.charts.svg import draw_chart
 from fastslam.evaluation import evaluate
 from fastslam.log import Log, Problem
 from fastslam.page_svg import themed_svg
@@ -187,7 +190,7 @@ def make_page(log: Log | None = None, run: RunResult | None = None) -> str:
 def test_the_page_loads_nothing_from_elsewhere() -> None:
     page = make_page()
     found = read_page(page)
-    assert found.tags.count("svg") == 6
+    assert found.tags.count("svg") == 10
     assert "script" not in found.tags and "link" not in found.tags
     assert found.addresses == []
     assert "@import" not in page
@@ -198,8 +201,8 @@ def test_ids_of_the_figures_do_not_clash_and_references_hold() -> None:
     page = make_page()
     found = read_page(page)
     references = set(re.findall(r"url\(#([^)]+)\)", page))
-    # The map twice, two panels each of health and latency, one of the others.
-    assert len(references) == 8
+    # Each figure twice: two panels each of health and latency, one of the others.
+    assert len(references) == 14
     assert references <= set(found.ids)
     assert len(found.ids) == len(set(found.ids))
 
@@ -311,13 +314,15 @@ def test_provisional_landmarks_are_not_in_the_headline() -> None:
     page = make_page(run=replace(run, landmarks=replace(run.landmarks, confirmed=confirmed)))
     assert f"<b>{len(confirmed) - 3} <small></small></b><span>landmarks in the map</span>" in page
     assert "<b>3 <small></small></b><span>landmarks not yet believed" in page
-    assert page.count(", provisional</title>") == 3
+    assert page.count(", provisional</title>") == 2 * 3, "on both maps"
 
 
 def test_the_map_tells_each_landmark_under_the_pointer_and_in_a_table() -> None:
     run = make_run()
     page = make_page(run=run)
     titles = re.findall(r'<circle cx="([^"]*)" cy="([^"]*)" r="5"><title>([^<]*)</title>', page)
+    titles, on_the_small_map = titles[: len(titles) // 2], titles[len(titles) // 2 :]
+    assert [says for _, _, says in titles] == [says for _, _, says in on_the_small_map]
     assert [title.split(":")[0] for _, _, title in titles] == list(run.landmarks.ids)
     # The spots lie where the picture has the landmarks: distances keep their proportion, and north is up.
     at = np.array([[float(x), float(y)] for x, y, _ in titles])
@@ -332,7 +337,8 @@ def test_a_page_with_a_thousand_landmarks_stays_small_and_one_with_more_says_whe
     rng = np.random.default_rng(3)
     names = tuple(f"L{k}" for k in range(1000))
     page = make_page(run=replace(make_run(), landmarks=make_map(names, rng.uniform(0.0, 100.0, (1000, 2)))))
-    assert page.count("<circle") == 1000
+    assert page.count("<circle") == 2 * 1000
+    assert page.count('class="more">') == 2 * 1000, "so many names would hide the map"
     assert len(page.encode()) < 1_000_000
     names = tuple(f"L{k}" for k in range(2001))
     page = make_page(run=replace(make_run(), landmarks=make_map(names, rng.uniform(0.0, 100.0, (2001, 2)))))
@@ -349,19 +355,72 @@ def test_a_run_that_was_stopped_or_never_judged_is_not_called_good() -> None:
     assert "Too little was seen again to judge this run." in page
 
 
-def test_a_phone_gets_a_map_whose_letters_it_can_show() -> None:
+def named(page: str) -> list[tuple[float, float, bool, str]]:
+    """Where the wide map has each name, whether it is shown without a pointer, and the name."""
+    wide = page[: page.index("of-small-map", page.index("</style>"))]
+    texts = re.findall(r'</circle><text x="([^"]*)" y="([^"]*)"( class="more")?>([^<]*)</text>', wide)
+    return [(float(x), float(y), not more, name) for x, y, more, name in texts]
+
+
+def test_landmarks_are_named_on_the_map_where_there_is_room() -> None:
+    crowd = [(0.01 * k, 0.0) for k in range(5)]
+    places = np.array([*crowd, (-40.0, 0.0), (40.0, 30.0), (40.0, -30.0)])
+    names = tuple(f"tree-{k}" for k in range(len(places)))
+    run = replace(make_run(), landmarks=make_map(names, places))
+    shown = [name for _, _, is_shown, name in named(make_page(run=run)) if is_shown]
+    assert {"tree-5", "tree-6", "tree-7"} <= set(shown) and len(shown) < len(names)
+    assert [name for *_, name in named(make_page(run=run))] == list(names), "under the pointer all are"
+    # No name covers another one: letters are 7 points high, and none narrower than a point.
+    at = np.array([(x, y) for x, y, is_shown, _ in named(make_page(run=run)) if is_shown])
+    apart = np.abs(at[:, None] - at[None])[~np.eye(len(at), dtype=bool)]
+    assert ((apart[:, 1] >= 7.0) | (apart[:, 0] >= len("tree-0"))).all()
+    # One that is not believed yet is named under the pointer alone.
+    doubted = replace(run.landmarks, confirmed=np.array([name != "tree-6" for name in names]))
+    page = make_page(run=replace(run, landmarks=doubted))
+    assert [is_shown for *_, is_shown, name in named(page) if name == "tree-6"] == [False]
+
+
+def test_names_are_hidden_by_the_style_until_they_are_asked_for() -> None:
+    style = make_page()
+    style = style[style.index("<style>") : style.index("</style>")]
+    hidden, shown = ".landmarks .more { display: none; }", ".landmarks circle:hover + text { display: block;"
+    assert style.index(hidden) < style.index(shown)
+
+
+def test_a_phone_gets_figures_whose_letters_it_can_show() -> None:
     """At 390 pixels a figure is 340 wide: letters of 8 points are then as many pixels high on 4 inches."""
     page = make_page()
-    wide, small = (
-        float(re.search(rf'class="chart {name}"[^>]*? width="([0-9.]+)pt"', page).group(1))  # type: ignore[union-attr]
-        for name in ("of-map", "of-small-map")
-    )
-    assert small < 300.0 < wide
+    for name in NAMES:
+        wide, small = (
+            float(re.search(rf'class="chart of-{kind}"[^>]*? width="([0-9.]+)pt"', page).group(1))  # type: ignore[union-attr]
+            for kind in (name, f"small-{name}")
+        )
+        assert small < 300.0 < wide
+    assert page.count('<figure class="two">') == len(NAMES)
     style = page[page.index("<style>") : page.index("</style>")]
-    assert "figure .of-small-map { display: none; }" in style
-    assert style.index("max-width: 600px") < style.index("figure .of-small-map { display: block; }")
+    assert 'figure [class*="of-small-"] { display: none; }' in style
+    narrow = style[style.index("max-width: 600px") : style.index("@media print")]
+    assert narrow.index("figure.two svg { display: none; }") < narrow.index('svg[class*="of-small-"]')
+    assert "overflow-x" not in narrow, "nothing scrolls sideways"
     identities = re.findall(r' id="([^"]+)"', page)
-    assert len(identities) == len(set(identities)) == 16
+    assert len(identities) == len(set(identities)) == 28
+
+
+def test_a_title_that_is_too_long_for_its_panel_goes_on_in_another_line() -> None:
+    panel = Panel(
+        title="Health: ok in 48.2 % of the steps after initialising",
+        x_label="",
+        y_label="",
+        marks=(),
+        x_range=(0.0, 1.0),
+        y_range=(0.0, 1.0),
+    )
+    for width_in, lines in ((8.0, 1), (4.0, 2)):
+        chart = Chart(panels=(panel,), width_in=width_in, height_in=3.0)
+        texts = re.findall(r'<text [^>]*y="([^"]*)" class="title">([^<]*)<', draw_chart(chart, "health"))
+        assert " ".join(text for _, text in reversed(texts)) == panel.title and len(texts) == lines
+        (frame,) = frames(chart)
+        assert all(8.0 <= float(y) < frame.box[1] for y, _ in texts), "above the axes and within the page"
 
 
 def test_marks_of_one_look_say_it_once() -> None:

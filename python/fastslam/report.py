@@ -10,14 +10,14 @@ from pathlib import Path
 from string import Template
 
 from . import __version__
-from .charts.figures import map_chart, run_charts
+from .charts.figures import run_charts
 from .charts.svg import draw_chart
 from .evaluation import Evaluation, Metrics, evaluate_run, flatten
 from .evaluation.display import MetricRow, format_metric, format_number, metric_rows, summary_rows
 from .evaluation.metrics import METRIC_UNITS, particle_count
 from .health import health_summary
 from .log import Log
-from .report_landmarks import hover_layer, landmark_table
+from .report_landmarks import landmark_table, names_layer
 from .result import RunResult
 from .resultfiles import REPORT_FILE, config_yaml, write_atomically
 from .verdict import warnings_of
@@ -31,10 +31,12 @@ _CARDS = (
     ("filter_seconds", "computing time"),
     ("step_latency_us.p99", "step latency, 99th percentile"),
 )
+SMALL_IN = 4.0
+"""How wide figures are whose letters can be read on a phone."""
 _CAPTIONS = {
     "map": "Landmarks with 2σ ellipses of the mixture over particles (they hold 86 % of a planar Gaussian), "
-    "the path as known at each time (live) and in hindsight (smoothed). Rest the pointer on a landmark "
-    "for its figures.",
+    "the path as known at each time (live) and in hindsight (smoothed). Rest the pointer on a landmark, "
+    "or tap it, for its name and figures.",
     "error": "The band is twice the standard deviation along the major axis of the reported covariance. "
     "Where the log has true poses or position fixes, the distance to them after rigid alignment.",
     "health": "Above: whether the filter could be believed, and the reasons where not. Below: squared "
@@ -163,17 +165,15 @@ def _card(text: str, unit: str, label: str) -> str:
 
 
 def _figures(result: RunResult, log: Log, found: Evaluation) -> dict[str, str]:
-    """The figures as HTML, by name; of the map there are two, one of which each page shows."""
+    """The figures as HTML, by name; each is there twice, and a page shows the one that it has room for."""
+    wide = run_charts(result, log, found)
+    small = run_charts(result, log, found, width_in=SMALL_IN)
     blocks = {}
-    for name, chart in run_charts(result, log, found).items():
-        kind = ""
-        if name == "map":
-            kind = ' class="whole"'
-            svg = draw_chart(chart, name, over=partial(hover_layer, landmarks=result.landmarks))
-            svg += draw_chart(map_chart(result, log, found, width_in=4.0), "small-map")
-        else:
-            svg = draw_chart(chart, name)
-        blocks[name] = f"<figure{kind}>{svg}<figcaption>{_CAPTIONS[name]}</figcaption></figure>"
+    for name, caption in _CAPTIONS.items():
+        over = partial(names_layer, landmarks=result.landmarks) if name == "map" else None
+        svg = draw_chart(wide[name], name, over=over)
+        svg += draw_chart(small[name], f"small-{name}", over=over)
+        blocks[name] = f'<figure class="two">{svg}<figcaption>{caption}</figcaption></figure>'
     return blocks
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +13,9 @@ POINTS = 72.0
 LETTERS = 9.0
 """Size of letters."""
 _ROW = 13.0
+TITLE_LETTERS = 11.5
+"""The same of titles."""
+TITLE_ROW = 14.0
 _TOP, _TITLE, _RIGHT = 8.0, 16.0, 12.0
 _SAMPLE, _GAP = 26.0, 14.0
 """Room of a legend's sample, and between its entries."""
@@ -47,6 +51,8 @@ class Frame:
     y_texts: list[str]
     name_at: float
     legend: tuple[Entry, ...]
+    title: tuple[str, ...]
+    """The title, in as many lines as it needs."""
 
 
 def text_width(text: str) -> float:
@@ -95,7 +101,15 @@ def _frame(panel: Panel, corner_and_size: tuple[float, float, float, float]) -> 
     name_at = left - 13.0 - max(map(text_width, y_texts), default=0.0)
     below = bottom + (35.0 if panel.x_label else 20.0 if panel.x_numbers else 9.0)
     legend = _placed(_legend_rows(panel, width), 0.5 * (left + right), below)
-    return Frame((left, top, right, bottom), Place(x, y), x_ticks, y_ticks, x_texts, y_texts, name_at, legend)
+    place, title = Place(x, y), _title_lines(panel, width)
+    return Frame(
+        (left, top, right, bottom), place, x_ticks, y_ticks, x_texts, y_texts, name_at, legend, title
+    )
+
+
+def _title_lines(panel: Panel, width: float) -> tuple[str, ...]:
+    letters = max(1, int(width / (_WIDTH_OF_LETTER * TITLE_LETTERS)))
+    return tuple(textwrap.wrap(panel.title, letters, break_long_words=False))
 
 
 def _y_ticks(panel: Panel, y: Scale, height: float) -> list[float]:
@@ -116,7 +130,8 @@ def _above_and_below(panel: Panel, width: float) -> tuple[float, float]:
     """Room for the title, and for numbers, name and legend of x."""
     below = 30.0 if panel.x_label else 16.0 if panel.x_numbers else 4.0
     rows = len(_legend_rows(panel, width))
-    return _TOP + (_TITLE if panel.title else 0.0), below + _ROW * rows + (4.0 if rows else 0.0)
+    more = TITLE_ROW * (len(_title_lines(panel, width)) - 1)
+    return _TOP + (_TITLE + more if panel.title else 0.0), below + _ROW * rows + (4.0 if rows else 0.0)
 
 
 def _legend_rows(panel: Panel, width: float) -> list[list[Mark]]:

@@ -126,7 +126,7 @@ def latency_histogram_panel(result: RunResult) -> Panel:
         )
         for quantile, color in ((50, palette.GOOD), (99, palette.LANDMARK)):
             value = float(np.percentile(latency_us, quantile))
-            says = f"p{quantile}: {value:,.3g} µs"
+            says = f"p{quantile}: {value:,.0f} µs" if value >= 100.0 else f"p{quantile}: {value:.3g} µs"
             marks.append(Level(at=value, color=color, width=1.6, dashed=False, upright=True, label=says))
     return Panel(
         title="Distribution",

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from .layout import LETTERS, POINTS, Frame, Place, frames
+from .layout import LETTERS, POINTS, TITLE_ROW, Frame, Place, frames
 from .panel import Chart, Panel
 from .shapes import draw_mark, number, sample_of
 
@@ -41,7 +41,10 @@ def _panel(panel: Panel, frame: Frame, name: str) -> str:
     )
     marks = "".join(draw_mark(mark, frame.place) for mark in sorted(panel.marks, key=lambda mark: mark.order))
     axes = f'<path class="axis" d="M{number(left)},{number(top)}V{number(bottom)}H{number(right)}"/>'
-    title = _text((left, top - 9.0), panel.title, 'class="title"') if panel.title else ""
+    title = "".join(
+        _text((left, top - 9.0 - TITLE_ROW * above), line, 'class="title"')
+        for above, line in enumerate(reversed(frame.title))
+    )
     return (
         f'<g id="{name}">{clip}{_across(panel, frame)}{_upwards(panel, frame)}'
         f'<g clip-path="url(#{name}-clip)">{marks}</g>{axes}{title}{_legend(frame)}</g>'

@@ -36,7 +36,7 @@ def render_sweep(rows: Sequence[Row], *, name: str) -> str:
     groups = group_rows(rows)
     logs = list(dict.fromkeys(group.log for group in groups))
     figures = "".join(
-        f'<figure class="whole">{themed_svg(render(figure, "svg").decode(), metric)}</figure>'
+        f"<figure>{themed_svg(render(figure, 'svg').decode(), metric)}</figure>"
         for metric, figure in sweep_figures(groups).items()
     )
     return render_page(
