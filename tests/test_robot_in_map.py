@@ -13,12 +13,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fastslam import Anywhere, Map, Start, run
+from cli_runner import fastslam
+from fastslam import Anywhere, Map, Start, localize, run
+from fastslam.datasets.native_write import write_native
 from fastslam.errors import DataError
-from fastslam.health import HealthStatus
+from fastslam.health import HealthStatus, health_summary
 from fastslam.live import live
 from fastslam.localisation import between
 from fastslam.log import Log
+from fastslam.resultfiles import read_result
 from fastslam.robot import Robot, Step
 from fastslam.simulation import simulate
 
@@ -263,6 +266,77 @@ def test_a_robot_that_starts_beside_its_start_does_not_map_all_anew(seed: int) -
     assert any("among those of the kept map are none of it" in text for text in lost.verdict)
     sound = run(log, UNKNOWN, map=kept, start=Start(std=(0.2, 0.2, 0.03)))
     assert sound.verdict == () and not (sound.steps.health == HealthStatus.LOST).any()
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_a_log_whose_robot_is_carried_away_is_searched_again(seed: int) -> None:
+    log = anonymous(simulate({"seed": seed, "world": {"count": 40}, "max_duration_s": 70.0}))
+    chart = run(log, {**UNKNOWN, "seed": 9}).map
+    away = carried(log, 20.0, 45.0)
+    found = localize(away, chart, start=Start(std=(0.1, 0.1, 0.02)), config=UNKNOWN)
+    (again,), result = found.again, found.result
+    assert (found.status, found.start, again.status) == ("found", "given", "found") and result is not None
+    assert 20.0 < again.lost_s < 22.0 and 5.0 <= again.searched_s < 15.0
+    assert result.verdict == (
+        f"the filter was lost after {again.lost_s:.1f} s; searching the map from there on found the robot "
+        f"{again.searched_s:.1f} s later",
+    )
+    # One path over the whole log, right but for the moment in which nobody could know.
+    truth, steps = log.truth_trajectory, result.steps
+    assert truth is not None and (np.diff(steps.stamp_s) > 0.0).all() and steps.stamp_s[-1] > 40.0
+    np.testing.assert_array_equal(steps.stamp_s, result.trajectory.stamp_s)
+    np.testing.assert_array_equal(steps.step, np.arange(len(steps.step)))
+    for path in (result.trajectory, result.smoothed):
+        moved = path.stamp_s + np.where(path.stamp_s >= 20.0, 25.0, 0.0)
+        rows = np.clip(np.searchsorted(truth.stamp_s, moved), 0, len(truth.stamp_s) - 1)
+        off_m = np.linalg.norm(path.T_world_robot[:, :2] - truth.T_world_robot[rows, :2], axis=1)
+        unknown = (path.stamp_s >= 20.0) & (path.stamp_s < again.lost_s)
+        assert (off_m[~unknown] < 0.6).all() and 2 <= unknown.sum() < 10
+    within = (steps.stamp_s >= again.lost_s) & (steps.stamp_s <= again.lost_s + again.searched_s)
+    np.testing.assert_array_equal(steps.health == HealthStatus.SEARCHING, within)
+    assert (steps.health != HealthStatus.LOST).all() and health_summary(steps).lost == 0.0
+    assert result.changes is not None and result.changes.gone == ()
+
+
+def test_a_log_whose_robot_is_carried_out_of_the_map_goes_on_searching(log: Log, tmp_path: Path) -> None:
+    chart = run(log, {**UNKNOWN, "seed": 9}).map
+    elsewhere = anonymous(simulate({**WORLD, "seed": 77}))
+    first, second = between(log, -math.inf, 15.0).sightings, later(elsewhere, 15.0).sightings
+    both = {
+        name: None if value is None else np.concatenate([value, getattr(second, name)])
+        for name, value in vars(first).items()
+    }
+    away = replace(log, sightings=replace(log.sightings, **both))
+    config = {**UNKNOWN, "seed": 2}
+    found = localize(away, chart, start=Start(std=(0.1, 0.1, 0.02)), config=config)
+    assert found.status == "searching" and found.result is not None and found.start == "given"
+    assert found.again[-1].status == "searching" and found.modes == found.again[-1].modes
+    lost_s, steps = found.again[-1].lost_s, found.result.steps
+    assert 15.0 < lost_s < 20.0 and steps.stamp_s[-1] > 35.0, "the path goes to the end, and is not believed"
+    np.testing.assert_array_equal(steps.health == HealthStatus.SEARCHING, steps.stamp_s >= lost_s)
+    assert "searching the map from there on is not over" in found.result.verdict[0]
+    # The command says so, keeps what it has and leaves no map.
+    write_native(away, tmp_path / "log")
+    folder = chart.save(tmp_path / "yard.map")
+    common = (
+        "localize",
+        tmp_path / "log",
+        "--map",
+        folder,
+        "--start",
+        "0,0,0",
+        "--start-std",
+        "0.1,0.1,0.02",
+    )
+    given = ("--association", "unknown", "--set", "filter.particles=30", "--seed", "2", "--extend", "--json")
+    out, kept = tmp_path / "out", tmp_path / "new.map"
+    done = fastslam(*common, *given, "--out", out, "--map-out", kept)
+    assert done.exit_code == 1 and not kept.exists(), done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["status"] == "searching" and facts["again"][-1]["status"] == "searching"
+    assert "is not over" in facts["verdict"][0] and (out / "report.html").is_file()
+    assert "searching" in (out / "steps.csv").read_text()
+    assert (read_result(out).steps.health == HealthStatus.SEARCHING).any()
 
 
 def test_a_robot_is_searched_for_when_asked(log: Log, chart: Map) -> None:

@@ -21,6 +21,8 @@ class HealthStatus(IntEnum):
     """Something speaks against the estimate: it is worse than it says, or about to be."""
     LOST = 3
     """The estimate should not be used."""
+    SEARCHING = 4
+    """The robot was lost, or nobody knew where it started, and it was looked for in its map."""
 
 
 REASONS = {
@@ -36,7 +38,7 @@ REASONS = {
 
 
 def status_name(code: int) -> str:
-    """`initializing`, `ok`, `degraded` or `lost`."""
+    """`initializing`, `ok`, `degraded`, `lost` or `searching`."""
     return HealthStatus(code).name.lower()
 
 
@@ -66,7 +68,7 @@ def has_reason(bits: Ints, name: str) -> Bools:
 
 @dataclass(frozen=True)
 class HealthSummary:
-    """Fractions of the steps after the first verdict; None where there was none."""
+    """Fractions of the steps after the first verdict and outside of searches; None where there was none."""
 
     ok: float | None
     degraded: float | None
@@ -75,7 +77,7 @@ class HealthSummary:
 
 def health_summary(steps: Steps) -> HealthSummary:
     """How often the filter was ok, degraded and lost once it had seen enough to judge."""
-    judged = steps.health[steps.health != HealthStatus.INITIALIZING]
+    judged = steps.health[~np.isin(steps.health, (HealthStatus.INITIALIZING, HealthStatus.SEARCHING))]
     if len(judged) == 0:
         return HealthSummary(None, None, None)
     ok, degraded, lost = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,12 +13,15 @@ import numpy as np
 from .config import Config, merge
 from .datasets.registry import load
 from .detection import with_sightings
+from .joined import joined, searched
 from .log import Floats, Log
+from .lost import lost_since_s
 from .maps import Anywhere, Map, Start, StartLike
 from .result import LandmarkMap, RunResult
 from .runner import Progress, configure, run
 from .settings import Layer
 from .several import refuse_several
+from .trust import LOST
 
 if TYPE_CHECKING:
     from .placement import Constellation, Placement, View
@@ -31,6 +34,8 @@ LONGEST_WINDOW_S = 300.0
 """How long the robot's own map grows before the search gives up."""
 FEWEST_SIGHTINGS = 3
 """Landmarks that were seen less often place nothing."""
+MOST_SEARCHES = 10
+"""A robot that is lost more often than this in one log is not searched for any more."""
 MOST_LANDMARKS = 25
 FEWEST_MATCHED = 4
 """Fewer common landmarks place nothing for sure."""
@@ -51,13 +56,26 @@ class Mode:
 
 
 @dataclass(frozen=True)
+class Again:
+    """A search for a robot that was lost on the way; other fields as in `Localisation`."""
+
+    lost_s: float
+    """Stamp from which on it was lost, and looked for."""
+    status: Literal["found", "searching"]
+    modes: tuple[Mode, ...]
+    searched_s: float
+
+
+@dataclass(frozen=True)
 class Localisation:
     """Where a robot is in a map.
 
     `status` is `found`, or `searching` where no place is a thousand times likelier than all others: then
-    `modes` are the places that remain, perhaps none, and there is no `result`. `searched_s` is how long the
-    robot drove until its place was sure. `start` is where the run began: `given` by the caller, `stated`
-    by the settings or the log, or `anywhere`, after a search.
+    `modes` are the places that remain, perhaps none. `searched_s` is how long the robot drove until its place
+    was sure. `start` is where the run began: `given` by the caller, `stated` by the settings or the log, or
+    `anywhere`, after a search. `again` are the searches for a robot that was lost on the way. There is no
+    `result` where not even its start was found; where it was lost on the way and not found again, status and
+    `modes` are those of the last search, and what the result says from there on is not to be used.
     """
 
     status: Literal["found", "searching"]
@@ -65,18 +83,18 @@ class Localisation:
     searched_s: float
     result: RunResult | None
     start: Literal["given", "stated", "anywhere"] = "anywhere"
+    again: tuple[Again, ...] = ()
 
     @property
     def sentence(self) -> str:
-        """Where the run began, or what the search comes to."""
+        """Where the run began, or what the search for its start comes to."""
         if self.start == "given":
             return "starts as given"
         if self.start == "stated":
             return "starts at the initial_pose of the settings"
-        if self.status == "found":
+        if self.status == "found" or self.result is not None:
             return f"found after {self.searched_s:.1f} s"
-        places = f"{len(self.modes)} places are likely" if self.modes else "no place of the map fits"
-        return f"searching: after {self.searched_s:.1f} s {places}"
+        return f"searching: after {self.searched_s:.1f} s {_places(self.modes)}"
 
 
 def localize(
@@ -93,7 +111,9 @@ def localize(
     Without `start` it begins at the `initial_pose` that `config` or the log states; where neither does,
     anywhere.
     With `keep` the map is not changed: what does not fit is in `result.changes`. Otherwise prior landmarks
-    improve and new ones are added; `result.map` is the map then.
+    improve and new ones are added; `result.map` is the map then. A robot that is lost for longer than
+    `lost.LOST_S` is searched for from where that began, as a `Robot` is, and followed from where it is
+    found: `again` and the verdict say when, and the health of the steps until then is `searching`.
 
     >>> from fastslam import Anywhere, run
     >>> from fastslam.simulation import simulate
@@ -107,16 +127,82 @@ def localize(
     log = with_sightings(source if isinstance(source, Log) else load(source))
     chart = Map.load(map) if isinstance(map, Path | str) else map
     used = chart.with_role("fixed") if keep else chart
+    configuration = configure(log, config or {})
     if start is None and not _states_a_start(log, config):
         start = Anywhere()
-    if not isinstance(start, Anywhere):
-        result = run(log, config, map=used, start=start, progress=progress)
-        return Localisation("found", (), 0.0, result, "stated" if start is None else "given")
-    found = find(log, chart, config=config)
-    if found.status == "searching":
-        return found
-    mode = found.modes[0]
-    return replace(found, result=run(log, config, map=used, start=start_of(mode), progress=progress))
+    if isinstance(start, Anywhere):
+        found = find(log, chart, config=configuration)
+        if found.status == "searching":
+            return found
+        start = start_of(found.modes[0])
+    else:
+        found = Localisation("found", (), 0.0, None, "stated" if start is None else "given")
+
+    def follow(part: Log, start: StartLike) -> RunResult:
+        return run(part, configuration, map=used, start=start, progress=progress)
+
+    def search(part: Log) -> Localisation:
+        return find(part, chart, config=configuration)
+
+    return _followed(log, replace(found, result=follow(log, start)), start, follow=follow, search=search)
+
+
+def _followed(
+    log: Log,
+    found: Localisation,
+    start: StartLike,
+    *,
+    follow: Callable[[Log, StartLike], RunResult],
+    search: Callable[[Log], Localisation],
+) -> Localisation:
+    """What became of a robot that was followed through the whole log: where it was lost it is searched for.
+
+    What it learnt before is given up, since a robot that was lost spoils it, but for its path.
+    """
+    assert found.result is not None
+    begin_s, rest, result = _begin_s(log), log, found.result
+    parts: list[RunResult] = []
+    again: list[Again] = []
+    while not result.interrupted and len(again) < MOST_SEARCHES:
+        lost_s = lost_since_s(result.steps)
+        if lost_s is None:
+            break
+        after = between(rest, lost_s, math.inf)
+        looked = search(after)
+        again.append(Again(lost_s, looked.status, looked.modes, looked.searched_s))
+        if looked.status == "searching":
+            break
+        before = between(rest, -math.inf, math.nextafter(lost_s, -math.inf))
+        if len(before.sightings.stamp_s):
+            parts.append(follow(before, start))
+        rest, start = after, start_of(looked.modes[0])
+        result = follow(rest, start)
+    whole = joined([*parts, result]) if parts else result
+    if found.start == "anywhere":
+        whole = searched(whole, begin_s, begin_s + found.searched_s)
+    for one in again:
+        whole = searched(
+            whole, one.lost_s, one.lost_s + one.searched_s if one.status == "found" else math.inf
+        )
+    if not again:
+        return replace(found, result=whole)
+    told = [_told(one, begin_s) for one in again]
+    # How often it was lost says less than when.
+    others = [sentence for sentence in whole.verdict if not sentence.startswith(LOST)]
+    whole, last = replace(whole, verdict=(*told, *others)), again[-1]
+    modes = last.modes if last.status == "searching" else found.modes
+    return replace(found, status=last.status, modes=modes, result=whole, again=tuple(again))
+
+
+def _told(one: Again, begin_s: float) -> str:
+    lost = f"{LOST} after {one.lost_s - begin_s:.1f} s; searching the map from there on"
+    if one.status == "found":
+        return f"{lost} found the robot {one.searched_s:.1f} s later"
+    return f"{lost} is not over: after {one.searched_s:.1f} s {_places(one.modes)}"
+
+
+def _places(modes: tuple[Mode, ...]) -> str:
+    return f"{len(modes)} places are likely" if modes else "no place of the map fits"
 
 
 def _states_a_start(log: Log, config: Layer | None) -> bool:

@@ -6,7 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from .health import HealthStatus, has_reason
+
 if TYPE_CHECKING:
+    from .result import Steps
     from .window import Step
 
 LOST_S = 2.0
@@ -32,3 +37,14 @@ class Lost:
             elif step.stamp_s - self.since_s >= LOST_S:
                 return True
         return False
+
+
+def lost_since_s(steps: Steps) -> float | None:
+    """Stamp from which on the robot of a whole run was first lost for too long; None where it never was."""
+    elsewhere = np.any([has_reason(steps.health_reasons, name) for name in _ELSEWHERE], axis=0)
+    lost = (steps.health == HealthStatus.LOST) & elsewhere
+    changes = np.flatnonzero(np.diff(lost, prepend=False, append=False))
+    for begin, end in zip(changes[::2], changes[1::2], strict=True):
+        if steps.stamp_s[end - 1] - steps.stamp_s[begin] >= LOST_S:
+            return float(steps.stamp_s[begin])
+    return None

@@ -191,7 +191,7 @@ class StepFields(Generic[Number, Count, Flag, Status, Reasons]):
     """From here to `nis_band_high` lie 95 % of such means when the noise is right."""
     nis_band_high: Number
     health: Status
-    """`initializing`, `ok`, `degraded` or `lost`; in arrays `fastslam.health.HealthStatus`."""
+    """`initializing`, `ok`, `degraded`, `lost` or `searching`; in arrays `fastslam.health.HealthStatus`."""
     health_reasons: Reasons
     """Names in `fastslam.health.REASONS`; in arrays bits, which `fastslam.health.reason_names` names."""
 

@@ -15,6 +15,7 @@ _COLORS = {
     HealthStatus.OK: palette.GOOD,
     HealthStatus.DEGRADED: palette.SMOOTHED,
     HealthStatus.LOST: palette.LANDMARK,
+    HealthStatus.SEARCHING: palette.EVENT,
 }
 _LOWEST, _HIGHEST = 0.5, 8.0
 """What the axis of the NIS shows at least."""
@@ -28,6 +29,7 @@ def health_panel(result: RunResult) -> Panel:
     marks: list[Mark] = [
         _bars(edges_s, steps.health == status, row=0, color=color, label=status.name.lower())
         for status, color in _COLORS.items()
+        if status != HealthStatus.SEARCHING or (steps.health == status).any()
     ]
     for row, name in enumerate(met, start=1):
         marks.append(_bars(edges_s, has_reason(steps.health_reasons, name), row=row, color=palette.MUTED))

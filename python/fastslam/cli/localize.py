@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,7 +31,7 @@ from .options import (
 from .output import LogReference, metrics_table
 
 if TYPE_CHECKING:
-    from ..localisation import Localisation
+    from ..localisation import Localisation, Mode
 
 
 def localize_log(
@@ -70,8 +71,9 @@ def localize_log(
 
     With --keep, the default, the map is never changed; what is new and what is gone is listed. Without
     --start the robot starts at the initial_pose of the configuration or the log; where neither states one,
-    and with --start anywhere, it is searched for. Where several places remain likely they are listed, and
-    the exit code is 1; with --strict also where the verdict says that the run is not to be believed.
+    and with --start anywhere, it is searched for. So is one that is lost on the way, from there on: health is
+    `searching` until it is found. Where several places remain likely they are listed, no map is left, and the
+    exit code is 1; with --strict also where the verdict says that the run is not to be believed.
 
     \b
     Examples:
@@ -100,7 +102,7 @@ def localize_log(
         found = localize(log, chart, start=begin, config=merge(*layers), keep=not extend, progress=advance)
     reference = LogReference(path, log.format, robot, run, topics)
     written = _written(found, log, reference, out, report=not no_report)
-    if map_out is not None and found.result is not None:
+    if map_out is not None and found.result is not None and found.status == "found":
         found.result.map.save(map_out)
     if json:
         print_json(_facts(found, written))
@@ -134,7 +136,7 @@ def _begin(found: Localisation) -> str:
         return "start: as --start says"
     if found.start == "stated":
         return "start: the initial_pose of the settings; --start anywhere searches the map"
-    hint = "; --start X,Y,HEADING says where it is" if found.status == "searching" else ""
+    hint = "; --start X,Y,HEADING says where it is" if found.result is None else ""
     return f"start: anywhere; {found.sentence}{hint}"
 
 
@@ -143,6 +145,9 @@ def _show(found: Localisation, written: tuple[Path, Any] | None) -> None:
 
     console = stdout()
     console.print(_begin(found), highlight=False, markup=False, soft_wrap=True)
+    if found.status == "searching" and found.again and found.modes:
+        lost = f"lost at stamp {found.again[-1].lost_s:.2f} s; where it may have been then:"
+        console.print(lost, highlight=False, markup=False)
     for mode in found.modes:
         x, y, heading = mode.T_map_robot
         line = f"  x {x:.2f} m, y {y:.2f} m, heading {heading:.3f} rad: probability {mode.probability:.4f}"
@@ -167,9 +172,15 @@ def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, A
         "status": found.status,
         "start": found.start,
         "searched_s": found.searched_s,
-        "modes": [
-            {"T_map_robot": mode.T_map_robot.tolist(), "probability": mode.probability}
-            for mode in found.modes
+        "modes": _modes(found.modes),
+        "again": [
+            {
+                "lost_s": one.lost_s,
+                "status": one.status,
+                "searched_s": one.searched_s,
+                "modes": _modes(one.modes),
+            }
+            for one in found.again
         ],
         "changes": None
         if changes is None
@@ -179,3 +190,7 @@ def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, A
         "results": None if written is None else str(written[0]),
         "metrics": None if written is None else written[1],
     }
+
+
+def _modes(modes: Sequence[Mode]) -> list[dict[str, Any]]:
+    return [{"T_map_robot": mode.T_map_robot.tolist(), "probability": mode.probability} for mode in modes]
