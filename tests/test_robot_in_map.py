@@ -100,6 +100,59 @@ def test_a_robot_in_a_map_gives_the_bits_of_a_run_in_it(log: Log, chart: Map) ->
     assert again.landmarks.ids == robot.landmarks.ids and again.changes == robot.changes
 
 
+def test_a_robot_keeps_its_map_when_asked(log: Log, chart: Map) -> None:
+    # One tree is missing from the map, and another one stands half a metre from where the map has it.
+    moved_m = chart.landmarks.mean_m.copy()
+    moved_m[1] += [0.4, -0.3]
+    altered = replace(chart, landmarks=replace(chart.landmarks, mean_m=moved_m))
+    altered = altered.rows(np.arange(len(chart.role)) != 0)
+    altered = replace(altered, note=("gate", *altered.note[1:]), frame="yard", made_from={"log": "x"})
+    assert set(altered.role) == {"prior"}
+    start = Start(std=(0.1, 0.1, 0.02))
+    robot = Robot(configured(log), identities="none", map=altered, start=start, keep=True)
+    steps = driven(robot, log, until_s=30.0)
+    robot = pickle.loads(pickle.dumps(robot))
+    driven(robot, later(log, 30.0))
+    count = len(altered.role)
+    np.testing.assert_allclose(robot.landmarks.mean_m[:count], altered.landmarks.mean_m, rtol=0.0, atol=1e-9)
+    assert robot.changes is not None and len(robot.changes.new) >= 1, "it is found all the same"
+    assert robot.map.landmarks.ids == altered.landmarks.ids and robot.map.role == altered.role
+    np.testing.assert_array_equal(robot.map.landmarks.mean_m, altered.landmarks.mean_m)
+    assert (robot.map.note, robot.map.frame) == (altered.note, "yard") and robot.map.made_from == {"log": "x"}
+    # The same as a map of fixed landmarks, and not as one of what it knows.
+    fixed = Robot(configured(log), identities="none", map=altered.with_role("fixed"), start=start)
+    same = driven(fixed, log, until_s=30.0)
+    np.testing.assert_array_equal([s.T_world_robot for s in steps], [s.T_world_robot for s in same])
+    free = Robot(configured(log), identities="none", map=altered, start=start)
+    driven(free, log)
+    assert not np.allclose(free.landmarks.mean_m[:count], altered.landmarks.mean_m, rtol=0.0, atol=1e-3)
+    assert len(free.map.role) > count
+    with pytest.raises(DataError, match="keep: needs a map"):
+        Robot(keep=True)
+
+
+def test_live_keeps_a_map_when_asked(log: Log, chart: Map, tmp_path: Path) -> None:
+    folder = chart.save(tmp_path / "lap-1.map")
+    fastslam("live", "--keep").assert_one_line_error(exit_code=2, contains="--keep: say with --map")
+    fastslam("live", "--map", folder, "--keep", "--map-out", tmp_path / "m").assert_one_line_error(
+        exit_code=2, contains="--map-out: only --extend changes a map"
+    )
+    config = tmp_path / "robot.yaml"
+    config.write_text(json.dumps(configured(log)))
+    options = ["--config", config, "--identities", "none", "--keep", "--map", folder, "--start", "0,0,0"]
+    done = subprocess.run(
+        [sys.executable, "-m", "fastslam", "live", *map(str, options)],
+        input="\n".join(events(log)[:400]),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    robot = Robot(configured(log), identities="none", map=folder, start=Start(0.0, 0.0, 0.0), keep=True)
+    told = [estimate.to_line() for estimate in live(events(log)[:400], robot)]
+    assert done.stdout.splitlines() == told and len(told) > 10
+
+
 def test_a_robot_finds_itself_and_is_silent_until_then(log: Log, chart: Map) -> None:
     # The log starts at the origin of its own frame; the map is kept in another one.
     moved = moved_map(chart, 20.0, -7.0, 2.0)

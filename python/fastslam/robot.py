@@ -73,7 +73,9 @@ class Robot:
     that no particle can explain: see `counts`. `save` and `load` keep the whole state, the rows that wait
     included; pickle works.
 
-    With `map` it drives in a map that was kept, whose landmarks are what their roles say; with `start` from
+    With `map` it drives in a map that was kept, whose landmarks are what their roles say: fixed ones stay,
+    prior ones improve, and new ones are added. With `keep` nothing changes that map: all of it is fixed, what
+    does not fit is in `changes`, and `Robot.map` is the map that was given. With `start` it begins at
     a pose that is not known exactly (`fastslam.maps.Start`), or one of several. With `start=Anywhere()` it
     makes a map of its own until that fits the kept one at one place alone: until then it is `searching`, no
     steps are returned, `modes` says where it may be, and what needs a place in the map is a `DataError`.
@@ -89,6 +91,7 @@ class Robot:
     """
 
     _chart: Map | None
+    _keep: bool
     _search: RobotSearch | None
     _step: Step | None
     _scanner: tuple[str, str] | None
@@ -107,6 +110,7 @@ class Robot:
         classes: Sequence[str] = (),
         map: Map | Path | str | None = None,
         start: StartLike = None,
+        keep: bool = False,
         sensor: Sensor | None = None,
         scanner: Scanner | None = None,
     ) -> None:
@@ -115,6 +119,8 @@ class Robot:
         self._adapter = begun(sensor)
         chosen = window or Window()
         chart = Map.load(map) if isinstance(map, Path | str) else map
+        if keep and chart is None:
+            raise DataError("keep: needs a map that is kept")
         if chart is not None:
             refuse_several(self.config, "a robot in a kept map")
         if scanner is not None:
@@ -126,7 +132,7 @@ class Robot:
             _, names = chart.identities(())
             classes = tuple(dict.fromkeys((*classes, *chart.landmarks.class_names)))
         self._begin(self._fresh_stream(), names=names, classes=classes)
-        self._chart = chart
+        self._chart, self._keep = chart, keep
         if isinstance(start, Anywhere):
             self._begin_search()
         else:
@@ -145,7 +151,8 @@ class Robot:
         columns: _core._MapColumns | None = None
         if self._chart is not None:
             identity, _ = self._chart.identities(tuple(self._index_of))
-            columns = self._chart.core_columns(identity, tuple(self._index_of_class))
+            used = self._chart.with_role("fixed") if self._keep else self._chart
+            columns = used.core_columns(identity, tuple(self._index_of_class))
         with core_errors():
             self._stream.begin(columns, core_start(start))
 
@@ -163,7 +170,7 @@ class Robot:
         self._control_columns = _core.control_columns(self.config.to_json())
         self._index_of = {name: index for index, name in enumerate(names)}
         self._index_of_class = {name: index for index, name in enumerate(classes)}
-        self._chart = None
+        self._chart, self._keep = None, False
         self._search = None
         self._step = None
         self._lost = Lost()
@@ -347,11 +354,13 @@ class Robot:
     def map(self) -> Map:
         """The map to keep if the drive ended here, as `RunResult.map`; the robot itself goes on.
 
-        A copy of it is ended: rows that wait are taken, landmarks that are there twice become one.
-        Errors: `DataError` while it is `searching`.
+        A copy of it is ended: rows that wait are taken, landmarks that are there twice become one. With
+        `keep` it is the map that was given. Errors: `DataError` while it is `searching`.
         """
         with self._lock:
             self._check_found()
+            if self._keep and self._chart is not None:
+                return self._chart
             ended = copy.deepcopy(self)
         ended.end()
         made_from = {"log": "live", "version": built_version(), "seed": self.config["seed"]}
@@ -433,6 +442,7 @@ class Robot:
                 unexplained=self._unexplained,
                 ended=self._ended,
                 chart=None if self._chart is None else chart_to_json(self._chart),
+                keep=self._keep or None,
                 search=None if self._search is None else self._search.to_json(),
                 stream=[self._kind, self._window],
                 refused=self._refused or None,
@@ -465,7 +475,7 @@ class Robot:
         if "chart" in kept:
             from .searching import chart_of_json, search_of_json
 
-            self._chart = chart_of_json(kept["chart"])
+            self._chart, self._keep = chart_of_json(kept["chart"]), kept.get("keep", False)
             if "search" in kept:
                 self._search = search_of_json(kept["search"], self._chart, self.config)
 

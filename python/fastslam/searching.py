@@ -96,7 +96,15 @@ def chart_to_json(chart: Map) -> dict[str, Any]:
         "class": [landmarks.class_name(row) for row in range(len(landmarks.ids))],
         "signature": None if landmarks.signature is None else landmarks.signature.tolist(),
     }
-    return columns | {"role": chart.role, "existence": chart.existence.tolist(), "name": chart.name}
+    return (
+        columns
+        | {"role": chart.role, "existence": chart.existence.tolist(), "name": chart.name}
+        | {
+            "note": chart.note,
+            "frame": chart.frame,
+            "made_from": chart.made_from,
+        }
+    )
 
 
 def chart_of_json(kept: dict[str, Any]) -> Map:
@@ -118,7 +126,10 @@ def chart_of_json(kept: dict[str, Any]) -> Map:
         class_names=class_names,
     )
     existence = np.array(kept["existence"], dtype=np.float64)
-    return Map(landmarks, tuple(kept["role"]), existence, ("",) * count, kept["name"])
+    # Snapshots of older versions leave out the last three.
+    note, frame = tuple(kept.get("note", ("",) * count)), kept.get("frame", "map")
+    made_from = kept.get("made_from", {})
+    return Map(landmarks, tuple(kept["role"]), existence, note, kept["name"], frame, made_from)
 
 
 def search_of_json(kept: dict[str, Any], chart: Map, config: Config) -> RobotSearch:

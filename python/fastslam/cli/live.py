@@ -60,6 +60,12 @@ def live_stream(
     map: InMap = None,
     start: StartPose = None,
     start_std: StartStd = None,
+    extend: Annotated[
+        bool,
+        typer.Option(
+            "--extend/--keep", help="Let prior landmarks of --map improve and add new ones, or keep it."
+        ),
+    ] = True,
     scanner: Laser = None,
     checkpoint: State = None,
     out: Out = None,
@@ -80,9 +86,9 @@ def live_stream(
     tcp:PORT listens on this machine only, and ends when the sender closes. The end of the input, Ctrl-C and
     SIGTERM keep the state in --checkpoint, from which the same command goes on.
 
-    With --map the robot drives in a map that was kept, whose landmarks are what their roles say. With
-    --start anywhere it is searched for there: until one place is sure, health is `searching`, there is no
-    pose, and `modes` are the places that are likely.
+    With --map the robot drives in a map that was kept, whose landmarks are what their roles say; with --keep
+    nothing changes it. With --start anywhere it is searched for there: until one place is sure, health is
+    `searching`, there is no pose, and `modes` are the places that are likely.
 
     --map-out keeps the map when the stream ends or is stopped: after a lap, some 30 m behind the line.
 
@@ -96,6 +102,7 @@ def live_stream(
       fastslam live --config car.yaml --in tcp:9000 --checkpoint state.fslam
       fastslam live --config car.yaml --scanner laser.yaml --identities none < events.jsonl
       fastslam live --config car.yaml --map lap-1.map --start 3,2,0.5 --start-std 0.5,0.5,0.1
+      fastslam live --config cart.yaml --map reflectors.csv --keep --start anywhere < events.jsonl
     """
     from ..config import load_config, merge, parse_assignments
     from ..live import session_of
@@ -104,6 +111,10 @@ def live_stream(
 
     layers = [load_config(config) if config is not None else {}, parse_assignments(settings or [])]
     begin = start_given(start, start_std)
+    if map_out is not None and not extend:
+        raise ConfigError("--map-out: only --extend changes a map")
+    if map is None and not extend:
+        raise ConfigError("--keep: say with --map which map to keep")
     folder = None if out is None else prepare_folder(out)
     if checkpoint is not None and checkpoint.exists():
         robot = Robot.load(checkpoint)
@@ -115,6 +126,7 @@ def live_stream(
             classes=tuple(name.strip() for name in classes.split(",") if name.strip()),
             map=map,
             start=begin,
+            keep=not extend,
             scanner=None if scanner is None else Scanner.load(scanner),
         )
     session = session_of(robot, rate_hz=rate_hz)
