@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from functools import partial
@@ -10,12 +11,13 @@ from typing import Any
 
 import pytest
 import yaml
-from fastslam import run, run_many
+from fastslam import FastSlam, run, run_many
 from fastslam.config import Config, explain, load_config, merge, parse_assignments, schema, sensor_of
 from fastslam.detection import configure_detector
 from fastslam.errors import ConfigError
 from fastslam.limits import OF_SETTINGS
 from fastslam.opinion import run_by_need
+from fastslam.robot import Robot
 from fastslam.simulation import simulate
 from fastslam.tuning.doctor import diagnose
 
@@ -235,9 +237,31 @@ def test_dump_is_plain_yaml() -> None:
     assert yaml.safe_load(config.dump()) == dict(config)
 
 
-@pytest.mark.parametrize("key", ["trunks.range_std_m", "detector.trunks.range_std_m", "corners.min_beams"])
+@pytest.mark.parametrize("key", ["trunks.range_std_m", "corners.min_beams"])
 def test_a_setting_of_the_detector_is_called_one(key: str) -> None:
-    with pytest.raises(ConfigError, match=rf"^{re.escape(key)}: is a setting of the detector.*detector_json"):
+    with pytest.raises(ConfigError, match=rf"^{re.escape(key)}: is a setting of the detector: detector\."):
         parse_assignments([f"{key}=1"])
     with pytest.raises(ConfigError, match=r"unknown key; did you mean trunks\.range_std_m"):
         configure_detector({"trunks": {"range_std": 1}})
+
+
+def test_a_section_of_the_detector_is_checked_where_it_is_written(tmp_path: Path) -> None:
+    path = write(tmp_path, "detector:\n  kind: trunks\n  trunks:\n    max_range: 3\n")
+    expected = r":4: detector\.trunks\.max_range: unknown key; did you mean trunks\.max_range_m"
+    with pytest.raises(ConfigError, match=expected):
+        load_config(path)
+    good = write(tmp_path, "detector:\n  trunks:\n    max_range_m: 3\n")
+    layer = merge(load_config(good), parse_assignments(["detector.trunks.min_beams=2"]))
+    config = Config.resolve(layer)
+    assert config["detector"] == {"trunks": {"max_range_m": 3, "min_beams": 2}}
+    assert "detector" not in json.loads(config.to_json()) and "detector" not in Config.resolve()
+    assert Config.resolve(yaml.safe_load(config.dump())) == config
+    with pytest.raises(ConfigError, match=r"^detector\.trunks\.max_range_m: "):
+        Config.resolve({"detector": {"trunks": {"max_range_m": -1.0}}})
+    with pytest.raises(ConfigError, match=r"^detector: got 3, expected settings such as"):
+        Config.resolve({"detector": 3})
+    assert [info.name for info in explain("detector.trunks.max_range_m")] == ["trunks.max_range_m"]
+    with pytest.raises(ConfigError, match="FastSlam takes sightings"):
+        FastSlam(layer)
+    with pytest.raises(ConfigError, match="only for turns of a laser"):
+        Robot(layer)

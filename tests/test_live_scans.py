@@ -119,3 +119,23 @@ def test_a_file_that_describes_no_laser_says_why(tmp_path: Path, text: str, wron
     file.write_text(text)
     with pytest.raises(ConfigError, match=wrong):
         Scanner.load(file)
+
+
+def test_settings_of_a_robot_go_over_those_of_its_scanner() -> None:
+    log = rover()
+    scanner = Scanner.of(log)
+    near = {"trunks": {"max_range_m": 4.0}}
+    robots = (
+        Robot({"detector": near}, identities="none", scanner=scanner),
+        Robot(identities="none", scanner=scanner.with_detector(near)),
+        Robot(identities="none", scanner=scanner),
+    )
+    assert log.scans is not None
+    seen = []
+    for robot in robots:
+        for stamp_s, turn in zip(log.scans.stamp_s[:20], log.scans.ranges_m[:20], strict=True):
+            robot.odometry(stamp_s, np.zeros(2))
+            robot.scan(stamp_s, turn)
+        robot.end()
+        seen.append(robot.landmarks.sightings.sum())
+    assert seen[0] == seen[1] < seen[2]

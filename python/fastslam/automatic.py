@@ -118,7 +118,8 @@ def run(
 
     All else is as in `fastslam.runner.run`, which makes one run with the settings as they are.
     """
-    log = detected(source if isinstance(source, Log) else load(source, format=format, robot=robot))
+    log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
+    log = detected(log, config)
     layer = config or {}
     plain = map is None and sensor is None and checkpoints is None
     warnings: tuple[str, ...] = ()

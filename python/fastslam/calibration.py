@@ -105,7 +105,7 @@ def calibrate(
     """
     if reference not in get_args(Reference):
         raise ConfigError(f"reference: got {reference}, expected {', '.join(get_args(Reference))}")
-    log = with_sightings(log)
+    log = with_sightings(log, config)
     configuration = configure(log, config or {})
     refuse_ranges_alone(configuration, "calibrate")
     result = run(log, configuration)

@@ -2,19 +2,39 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from . import _core
+from .errors import ConfigError
 from .settings import KeyInfo, Layer, Schema, Settings
 
-_SCHEMA = Schema(_core.config_schema, _core.resolve_config, explained_by="fastslam config explain")
+DETECTOR = "detector"
+"""Section for a log with laser scans in which landmarks are detected: keys of `docs/detectors.md`."""
+
+
+def _detectors() -> Schema:
+    from .detection import SCHEMA
+
+    return SCHEMA
+
+
+_SCHEMA = Schema(
+    _core.config_schema,
+    _core.resolve_config,
+    explained_by="fastslam config explain",
+    beside={DETECTOR: _detectors},
+)
 
 
 class Config(Settings):
-    """An effective configuration: every key is present and every value has been checked."""
+    """An effective configuration: every key is present and every value has been checked.
+
+    The section `detector` is there where somebody sets something in it, and has that alone.
+    """
 
     @classmethod
     def resolve(cls, *layers: Layer) -> Config:
@@ -25,7 +45,34 @@ class Config(Settings):
 
         Errors: `ConfigError`, its message starting with the dotted key.
         """
-        return cls(dict(_SCHEMA.resolve(*layers)), _SCHEMA)
+        read = [_SCHEMA.read_layer(layer) for layer in layers]
+        detector = detector_of(*read)
+        rest = [{key: value for key, value in layer.items() if key != DETECTOR} for layer in read]
+        values = dict(_SCHEMA.resolve(*rest))
+        return cls({**values, DETECTOR: detector} if detector else values, _SCHEMA)
+
+    def to_json(self) -> str:
+        """Returns the form that the core reads."""
+        return json.dumps({key: value for key, value in self.items() if key != DETECTOR})
+
+
+def detector_of(*layers: Layer) -> dict[str, Any]:
+    """What layers of a run's settings say of the detector. Errors: `ConfigError` for unknown keys."""
+    section = _SCHEMA.merge(*layers).get(DETECTOR)
+    if section is None:
+        return {}
+    if not isinstance(section, Mapping):
+        raise ConfigError(f"{DETECTOR}: got {section!r}, expected settings such as {{kind: corners}}")
+    try:
+        _detectors().resolve(section)
+    except ConfigError as error:
+        raise ConfigError(f"{DETECTOR}.{error}") from None
+    return dict(section)
+
+
+def without_detector(config: Config) -> Config:
+    """The configuration of a run over sightings, however they were made."""
+    return Config.resolve({key: value for key, value in config.items() if key != DETECTOR})
 
 
 def load_config(path: Path | str) -> dict[str, Any]:

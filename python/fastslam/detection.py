@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from . import _core
-from .config import Config
-from .errors import DataError
+from .config import Config, detector_of
+from .errors import ConfigError, DataError
 from .log import Floats, Ints, Log, Scans, Sightings
 from .settings import Layer, Schema, Settings
 from .several import refuse_several
@@ -118,7 +118,8 @@ def detect(log: Log, config: Layer | None = None) -> Log:
         covariance=detections.covariance,
     )
     config = _settings_with(log, log.scans, settings)
-    return replace(log, sightings=sightings, identity_names=(), class_names=(), config=config)
+    scans = replace(log.scans, detector=settings)
+    return replace(log, sightings=sightings, identity_names=(), class_names=(), config=config, scans=scans)
 
 
 def own_settings(log: Log) -> dict[str, Any]:
@@ -137,9 +138,31 @@ def detected_in_scans(log: Log) -> bool:
     return log.scans is not None and len(log.sightings.stamp_s) == 0
 
 
-def with_sightings(log: Log) -> Log:
-    """The log itself, or with detections where it has scans and no sightings."""
+def with_sightings(log: Log, config: Layer | None = None) -> Log:
+    """The log itself, or with detections where it has scans and no sightings.
+
+    `config` are settings of a run, whose section `detector` counts. Errors: as `with_detector`, `detect`.
+    """
+    log = with_detector(log, config or {})
     return detect(log) if detected_in_scans(log) else log
+
+
+def with_detector(log: Log, *layers: Layer) -> Log:
+    """The log with what the section `detector` of a run's settings says over the settings of its scans.
+
+    Errors: `ConfigError` where there is such a section and nothing is detected in the log.
+    """
+    section = detector_of(*layers)
+    if not section:
+        return log
+    if log.scans is None:
+        raise ConfigError("detector: the log has no laser scans in which landmarks could be detected")
+    settings = SCHEMA.merge(log.scans.detector, section)
+    if settings == log.scans.detector:
+        return log
+    if not detected_in_scans(log):
+        raise ConfigError("detector: the log has sightings already, so nothing is detected in its scans")
+    return replace(log, scans=replace(log.scans, detector=settings))
 
 
 def _settings_with(log: Log, scans: Scans, detector: Layer) -> dict[str, Any]:

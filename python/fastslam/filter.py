@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _core
-from .config import Config
+from .config import Config, detector_of
 from .covariances import symmetric
-from .errors import DataError, NumericalError
+from .errors import ConfigError, DataError, NumericalError
 from .health import reason_names, status_name
 from .limits import stamp_fault
 from .log import Floats
@@ -88,6 +88,8 @@ class FastSlam:
         sensor: Sensor | None = None,
     ) -> None:
         self.config = Config.resolve(config or {}, own_layer(sensor))
+        if detector_of(self.config):
+            raise ConfigError("detector: FastSlam takes sightings; a Robot with a scanner detects them")
         adapter = begun(sensor)
         with core_errors():
             filter = _core.Filter(self.config.to_json(), identities, adapter)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from .config import Config, merge
+from .config import Config, merge, without_detector
 from .datasets.registry import load
 from .detection import with_sightings
 from .joined import joined, searched
@@ -124,10 +124,11 @@ def localize(
 
     Errors: as `run`.
     """
-    log = with_sightings(source if isinstance(source, Log) else load(source))
+    log = with_sightings(source if isinstance(source, Log) else load(source), config)
     chart = Map.load(map) if isinstance(map, Path | str) else map
     used = chart.with_role("fixed") if keep else chart
-    configuration = configure(log, config or {})
+    complete = configure(log, config or {})
+    configuration = without_detector(complete)
     if start is None and not _states_a_start(log, config):
         start = Anywhere()
     if isinstance(start, Anywhere):
@@ -139,7 +140,8 @@ def localize(
         found = Localisation("found", (), 0.0, None, "stated" if start is None else "given")
 
     def follow(part: Log, start: StartLike) -> RunResult:
-        return run(part, configuration, map=used, start=start, progress=progress)
+        result = run(part, configuration, map=used, start=start, progress=progress)
+        return replace(result, config=dict(complete))
 
     def search(part: Log) -> Localisation:
         return find(part, chart, config=configuration)
@@ -223,7 +225,7 @@ def find(log: Log, chart: Map, *, config: Layer | None = None) -> Localisation:
 
     The robot makes a map of its own, which grows until it fits into the map at one place alone.
     """
-    configuration = configure(log, config or {})
+    configuration = without_detector(configure(log, config or {}))
     refuse_several(configuration, "localize")
     search = Search(chart, configuration)
     window_s = 0.0

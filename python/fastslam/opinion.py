@@ -57,7 +57,7 @@ def run_by_need(
     watch: Watch | None = None,
 ) -> RunResult:
     """What the command `fastslam run` does by itself: a second opinion where one is due, else one run."""
-    log = detected(log)
+    log = detected(log, config)
     ask = second_opinion if is_second_run_due(log, configure(log, config or {})) else run
     return ask(log, config, progress=progress, watch=watch)
 
@@ -84,7 +84,7 @@ def second_opinion(
     `progress` counts over the runs that take turns, `watch` sees the first. An interrupted run is returned as
     it is. Errors: as `run`, for the first seed; another one that fails is none of the tries.
     """
-    log = detected(log)
+    log = detected(log, config)
     seed = configure(log, config or {})["seed"]
 
     def advance(done: int, total: int, *, turn: int, turns: int) -> None:

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike
 
 from . import _core
 from ._built import built_version
-from .config import Config
+from .config import Config, detector_of
 from .covariances import symmetric
-from .errors import DataError, NumericalError
+from .errors import ConfigError, DataError, NumericalError
 from .filter import checked_control, core_errors, landmark_map, step_info
 from .log import Floats, Log
 from .lost import Lost
@@ -83,7 +83,8 @@ class Robot:
     for longer than `lost.LOST_S` is searched for again in the same way; so is one by `relocalize`.
 
     `sensor` is one of your own (`fastslam.sensors.Sensor`), as for `FastSlam`. With `scanner` the robot takes
-    raw turns of a laser by `scan`, and detects landmarks in them itself.
+    raw turns of a laser by `scan`, and detects landmarks in them itself; a section `detector` of `config` is
+    laid over that of the scanner.
 
     Several threads may share one robot: each call sees it between two calls of the others.
 
@@ -115,6 +116,10 @@ class Robot:
         scanner: Scanner | None = None,
     ) -> None:
         self.config = Config.resolve(LIVE, config or {}, own_layer(sensor))
+        if (detector := detector_of(self.config)) and scanner is None:
+            raise ConfigError("detector: only for turns of a laser, which a scanner describes (`scanner`)")
+        if detector and scanner is not None:
+            scanner = scanner.with_detector(detector)
         self._scanner = None if scanner is None else scanner.to_json()
         self._adapter = begun(sensor)
         chosen = window or Window()

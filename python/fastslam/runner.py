@@ -17,7 +17,7 @@ from .checkpoint import Checkpoints
 from .config import Config, merge
 from .covariances import symmetric
 from .datasets.registry import load
-from .detection import own_settings, with_sightings
+from .detection import own_settings, with_detector, with_sightings
 from .errors import ConfigError, DataError, NumericalError
 from .filter import landmark_map, step_info
 from .log import Log
@@ -54,7 +54,9 @@ def configure(log: Log, *layers: Layer) -> Config:
     if "association" in own and merge(own, *layers).get("algorithm") == "ekf":
         kept = {key: value for key, value in own["association"].items() if key in EKF_ASSOCIATION}
         own = {**own, "association": kept}
-    return Config.resolve(own, *layers)
+    complete = Config.resolve(own, *layers)
+    with_detector(log, complete)
+    return complete
 
 
 def refuse_ranges_alone(config: Mapping[str, Any], who: str) -> None:
@@ -82,8 +84,12 @@ def check_own_settings(log: Log) -> None:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def detected(log: Log) -> Log:
-    """The log with sightings: where it has laser scans instead, landmarks are detected in them."""
+def detected(log: Log, config: Layer | None = None) -> Log:
+    """The log with sightings: where it has laser scans instead, landmarks are detected in them.
+
+    Errors: as `detection.with_sightings`.
+    """
+    log = with_detector(log, config or {})
     if log.scans is None:
         return log
     with stage("detection"):
@@ -140,7 +146,7 @@ def run(
     configuration; `NumericalError` when the filter cannot go on; `ModelError` for what `sensor` answers.
     """
     log = source if isinstance(source, Log) else load(source, format=format, robot=robot)
-    log = detected(log)
+    log = detected(log, config)
     adapter = begun(sensor)
     configuration = configure(log, config or {}, own_layer(sensor))
     if map is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ._given import numbers, shown
 from ._yaml import YamlError, parse_yaml
-from .detection import configure_detector
+from .detection import SCHEMA, configure_detector
 from .errors import ConfigError, DataError
 from .log import BeamGeometry, Floats, Log
 
@@ -58,6 +58,10 @@ class Scanner:
         except ConfigError as error:
             raise ConfigError(f"{path}: detector: {error}") from None
         return cls(BeamGeometry(**layer), detector)
+
+    def with_detector(self, detector: Mapping[str, Any]) -> Scanner:
+        """The scanner with these settings over those of its detector."""
+        return replace(self, detector=SCHEMA.merge(self.detector, detector))
 
     def to_json(self) -> tuple[str, str]:
         """The settings of the detector and the geometry. Errors: `ConfigError`."""

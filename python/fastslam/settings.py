@@ -27,8 +27,8 @@ RENAMED = {
     "health.window_steps": "health.window_scans",
 }
 """Keys of earlier versions and what they are called now, with the same values."""
-OF_DETECTORS = ("detector", "trunks", "reflectors", "corners")
-"""Sections that are no settings of a run: those of the detector at work in scans."""
+OF_DETECTORS = ("trunks", "reflectors", "corners")
+"""Sections of a run's section `detector`, which are easily taken for those of the run."""
 
 
 class Settings(Mapping[str, Any]):
@@ -63,11 +63,18 @@ class Schema:
     """
 
     def __init__(
-        self, read: Callable[[], str], resolve_json: Callable[[str], str], *, explained_by: str
+        self,
+        read: Callable[[], str],
+        resolve_json: Callable[[str], str],
+        *,
+        explained_by: str,
+        beside: Mapping[str, Callable[[], Schema]] | None = None,
     ) -> None:
+        """Of `beside`, sections with schemas of their own, `resolve` knows nothing."""
         self._read = read
         self._resolve_json = resolve_json
         self._explained_by = explained_by
+        self._beside = beside or {}
 
     @cached_property
     def json_schema(self) -> dict[str, Any]:
@@ -173,6 +180,9 @@ class Schema:
         """
         if key is None:
             return self.keys
+        section, _, rest = key.partition(".")
+        if section in self._beside:
+            return self._beside[section]().explain(rest or None)
         chosen = tuple(info for info in self.keys if info.name == key or info.name.startswith(key + "."))
         if not chosen:
             self._refuse_unknown(key)
@@ -198,13 +208,15 @@ class Schema:
         parts = key.split(".")
         if key in self.descriptions or any(".".join(parts[:n]) in self._leaves for n in range(1, len(parts))):
             return
+        if parts[0] in self._beside:
+            # The section alone is no mapping: whoever takes it out says so.
+            if len(parts) > 1:
+                self._beside[parts[0]]()._refuse_unknown(".".join(parts[1:]), f"{where}{parts[0]}.")
+            return
         if RENAMED.get(key) in self.descriptions:
             raise ConfigError(f"{where}{key}: is called {RENAMED[key]} now, for it counts scans")
-        if parts[0] in OF_DETECTORS and "trunks" not in self.descriptions:
-            raise ConfigError(
-                f"{where}{key}: is a setting of the detector, not of a run: `fastslam detect --set` tries "
-                "it, detector_json in scans.npz keeps it (docs/howto/orchard.md says how, also for bags)"
-            )
+        if parts[0] in OF_DETECTORS and "detector" in self._beside:
+            raise ConfigError(f"{where}{key}: is a setting of the detector: detector.{key} sets it for a run")
         nearest = suggestion(key, self.descriptions)
         hint = f"did you mean {nearest}?" if nearest else f"see `{self._explained_by}`"
         raise ConfigError(f"{where}{key}: unknown key; {hint}")

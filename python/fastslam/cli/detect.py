@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from ..errors import DataError
+from ..errors import ConfigError, DataError
 from .options import ConfigFile, Format, LogPath, Robot, Run, Settings
 
 
@@ -29,6 +30,7 @@ def detect_landmarks(
     Colours and labels say why a piece of a scan is no landmark: too few beams, too wide, hidden, a poor fit.
 
     Settings come from: defaults < those of the log's scans < --config < --set (keys in docs/detectors.md).
+    Of a file for `fastslam run` the section `detector` counts.
 
     \b
     Examples:
@@ -40,7 +42,7 @@ def detect_landmarks(
     from ..detection import SCHEMA, find
     from ..plots.scan import write_scan_figure, write_scan_page
 
-    layers = (SCHEMA.load(config) if config is not None else {}, SCHEMA.parse_assignments(settings or []))
+    layers = (_from_file(config) if config is not None else {}, SCHEMA.parse_assignments(settings or []))
     log = load(path, format=format, robot=robot, run=run)
     if log.scans is None:
         raise DataError("the log holds no laser scans to detect landmarks in", path)
@@ -52,3 +54,17 @@ def detect_landmarks(
         written = write_scan_figure(log, out, scan=scan, config=overrides)
     typer.echo(f"{len(found.stamp_s):,} detections in {len(log.scans.stamp_s):,} scans")
     typer.echo(written)
+
+
+def _from_file(path: Path) -> dict[str, Any]:
+    """Settings of the detector: the file's or, where it is one of a run, those of its section `detector`."""
+    from ..config import detector_of, load_config
+    from ..detection import SCHEMA
+
+    try:
+        return SCHEMA.load(path)
+    except ConfigError:
+        with suppress(ConfigError):
+            if section := detector_of(load_config(path)):
+                return section
+        raise

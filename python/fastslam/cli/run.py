@@ -157,6 +157,7 @@ def run_log(
     """
     from ..config import load_config, merge, parse_assignments
     from ..datasets.registry import load
+    from ..detection import with_detector
     from ..runner import configure, detected
 
     in_space = format_in_space(path, format)
@@ -186,7 +187,7 @@ def run_log(
         raise ConfigError("--resume: say with --out in which folder the run left its state")
     with times_shown(verbose):
         with stage("load"):
-            log = load(path, format=format, robot=robot, run=run, topics=topics)
+            log = with_detector(load(path, format=format, robot=robot, run=run, topics=topics), *layers)
         configuration = configure(log, *layers)
         for problem in log.problems:
             stderr().print(f"note: {problem.message} ({problem.count:,})", markup=False, soft_wrap=True)

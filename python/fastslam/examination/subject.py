@@ -10,7 +10,7 @@ import numpy as np
 
 from ..config import Config
 from ..dead_reckoning import DeadReckoning
-from ..detection import with_sightings
+from ..detection import with_detector, with_sightings
 from ..errors import FastSlamError
 from ..log import Floats, Log
 from ..settings import Layer, Partial
@@ -109,6 +109,7 @@ def prepare(log: Log, config: Layer | None = None) -> Subject:
     `config` is laid over the log's own settings. Errors: ConfigError where these are at fault.
     """
     settings: dict[str, Any] = dict(Config.resolve(log.config, config or {}))
+    log = with_detector(log, config or {})
     try:
         seen = with_sightings(log)
     except FastSlamError:

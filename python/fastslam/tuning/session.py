@@ -130,7 +130,7 @@ def searched(log: Log, config: Layer | None = None, *, progress: Progress | None
     A KeyboardInterrupt ends the search with the best run until then, be it half a one, and is raised where
     there is none yet.
     """
-    log = with_sightings(log)
+    log = with_sightings(log, config)
     configuration = configure(log, config or {})
     refuse_ranges_alone(configuration, "tune")
     session = _Session(log, configuration, config or {}, progress)
