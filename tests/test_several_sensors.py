@@ -206,6 +206,29 @@ def test_scans_name_their_sensor_step_by_step(tmp_path: Path) -> None:
         tell(Robot({"sensors": {"a": {}, "b": {}}}), '{"t": 0.1, "see": [[1.0, 0.2]], "sensor": 3}')
 
 
+@pytest.mark.parametrize("algorithm", ["fastslam2", "ekf"])
+def test_a_step_names_its_sensor(algorithm: str) -> None:
+    config = {"algorithm": algorithm, "sensors": {"front": {}, "rear": {"mounting": {"yaw_rad": 3.0}}}}
+    by_step, by_hand = FastSlam(config), FastSlam(config)
+    rng = np.random.default_rng(4)
+    for number in range(1, 20):
+        sensor = ("front", "rear")[number % 2]
+        range_m, bearing_rad = rng.normal(4.0, 0.05, 2), np.array([0.3, -0.4]) + rng.normal(0.0, 0.01, 2)
+        seen = {"range_m": range_m, "bearing_rad": bearing_rad, "identity": [f"{sensor}-a", f"{sensor}-b"]}
+        info = by_step.step([0.1, 0.02], dt_s=0.1, sensor=sensor, **seen)
+        by_hand.predict([0.1, 0.02], dt_s=0.1)
+        assert info == by_hand.update(0.1 * number, sensor=sensor, **seen) and info.sightings == 2
+    np.testing.assert_array_equal(by_step.landmarks.mean_m, by_hand.landmarks.mean_m)
+    np.testing.assert_array_equal(by_step.pose[0], by_hand.pose[0])
+    # What is refused moves nothing.
+    before = by_step.pose[0]
+    for wrong in ({"sensor": "side"}, {}, {"sensor": "rear", "identity": ["a"]}):
+        with pytest.raises(DataError):
+            by_step.step([1.0, 0.0], dt_s=0.1, range_m=[1.0, 2.0], bearing_rad=[0.0, 0.1], **wrong)
+    np.testing.assert_array_equal(by_step.pose[0], before)
+    by_step.step([0.1, 0.02], dt_s=0.1, sensor="front")
+
+
 def test_what_knows_one_sensor_says_so() -> None:
     log = _both()
     for what in (calibrate, tune, diagnose):

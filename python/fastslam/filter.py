@@ -29,7 +29,7 @@ from .scan_call import Identity, Scan, checked_scan, column, measured_scan, numb
 from .sensor_checks import begun
 from .sensors import Adapter, Sensor, adapted, own_layer
 from .settings import Layer
-from .several import sensor_number
+from .several import sensor_names, sensor_number
 from .unused import Unused
 
 
@@ -239,24 +239,28 @@ class FastSlam:
         range_m: ArrayLike | None = None,
         bearing_rad: ArrayLike | None = None,
         identity: Sequence[Identity] | None = None,
+        sensor: str | None = None,
     ) -> StepInfo:
         """`predict`, then `update` at the time that the controls since the last update (or 0) add up to.
 
-        Where the scan is refused the robot has not moved either. For one sensor.
+        `sensor` is as for `update`. Where the scan is refused the robot has not moved either.
         """
-        sensor_number(self.config, None)
+        by = sensor_number(self.config, sensor)
         values, seconds = self._control(control), number("dt_s", dt_s)
         seen = range_m is not None or bearing_rad is not None
         measured = self._measured(range_m, bearing_rad) if seen else self._measured((), ())
         scan = checked_scan(self.config, measured, identity)
         with self._lock:
             stamp = self._stamp_s + seconds
-            return self._told(
-                stamp,
-                scan,
-                lambda columns: self._filter.step(values, seconds, stamp, columns),
-                moved_s=seconds,
-            )
+
+            def work(columns: _core._ScanColumns) -> dict[str, Any]:
+                if not sensor_names(self.config):
+                    return self._filter.step(values, seconds, stamp, columns)
+                scan.check_lengths()
+                self._filter.predict(values, seconds)
+                return self._filter.update(stamp, columns, by)
+
+            return self._told(stamp, scan, work, moved_s=seconds)
 
     def rejuvenate(self) -> bool:
         """Draws all particles anew from the posterior over paths, given the best particle's associations.

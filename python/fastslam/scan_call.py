@@ -148,6 +148,14 @@ class Scan:
                 index_of.setdefault(name, len(known) + len(index_of))
         return index_of
 
+    def check_lengths(self) -> None:
+        """Errors: `DataError`, as the core has it, before anything has moved."""
+        ranges, bearings = len(self.range_m), len(self.bearing_rad)
+        names = ranges if self.names is None else len(self.names)
+        if not ranges == bearings == names:
+            counts = f"{ranges} ranges, {bearings} bearings and {names} identities"
+            raise DataError(f"sightings: got {counts}, expected equal numbers")
+
     def columns(self, index_of: Mapping[str, int]) -> _core._ScanColumns:
         """What the core takes: names as their numbers, -1 where there is none."""
         count = len(self.range_m)
