@@ -387,6 +387,38 @@ def test_results_are_a_bag_that_viewers_read(tmp_path: Path) -> None:
         result.to_mcap(tmp_path / "nosuch" / "run.mcap")
 
 
+def test_another_reader_finds_the_same_in_results(tmp_path: Path) -> None:
+    """That of the format's own project, which shares no code with the writer."""
+    reader = pytest.importorskip("mcap.reader", reason="needs mcap-ros2-support")
+    decoder = pytest.importorskip("mcap_ros2.decoder", reason="needs mcap-ros2-support")
+    result = package.run(make_small_log(steps=60), {"filter": {"particles": 10}})
+    file = result.to_mcap(tmp_path / "run.mcap")
+    with file.open("rb") as stream:
+        whole = reader.make_reader(stream, decoder_factories=[decoder.DecoderFactory()], validate_crcs=True)
+        assert whole.get_header().profile == "ros2"
+        found: dict[str, list[tuple[Any, Any]]] = {}
+        for schema, channel, message, said in whole.iter_decoded_messages():
+            assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
+            found.setdefault(channel.topic, []).append((message.log_time, said))
+    live = result.trajectory
+    assert live.covariance is not None and len(live.stamp_s) == 12
+    assert [stamp_ns for stamp_ns, _ in found["/pose"]] == [round(1e9 * stamp_s) for stamp_s in live.stamp_s]
+    for row, ((_, said), (_, moved)) in enumerate(zip(found["/pose"], found["/tf"], strict=True)):
+        assert planar(said.pose.pose) == pytest.approx(live.T_world_robot[row], abs=1e-9)
+        covariance = np.reshape(said.pose.covariance, (6, 6))[np.ix_([0, 1, 5], [0, 1, 5])]
+        np.testing.assert_array_equal(covariance, live.covariance[row])
+        (transform,) = moved.transforms
+        assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base_link")
+        shift = transform.transform.translation
+        assert (shift.x, shift.y) == tuple(live.T_world_robot[row, :2])
+    poses = [planar(stamped.pose) for stamped in found["/path"][0][1].poses]
+    np.testing.assert_allclose(poses, result.path.T_world_robot, atol=1e-9)
+    names = [mark for mark in found["/landmarks"][0][1].markers if mark.ns == "names"]
+    assert [mark.text for mark in names] == list(result.landmarks.ids)
+    at = [(mark.pose.position.x, mark.pose.position.y) for mark in names]
+    np.testing.assert_array_equal(at, result.landmarks.mean_m)
+
+
 def test_export_writes_what_the_name_says(tmp_path: Path) -> None:
     log = write_small_log(tmp_path / "log", steps=60)
     out = tmp_path / "out"
