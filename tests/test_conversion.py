@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,19 @@ import numpy as np
 import pytest
 from cli_runner import fastslam
 from fastslam import convert, load
+from fastslam.config import without_detector
 from fastslam.datasets import write_native
 from fastslam.dead_reckoning import path_of_odometry
+from fastslam.detection import detect
 from fastslam.errors import DataError
+from fastslam.events import event_lines
+from fastslam.live import tell
 from fastslam.log import Controls, Log, Sightings
+from fastslam.robot import Robot
+from fastslam.runner import configure, run
+from fastslam.scanner import Scanner
 from small_log import make_small_log
+from test_detection import log_of_posts
 
 UPPER = np.triu_indices(3)
 
@@ -203,3 +212,69 @@ def test_command_converts_and_says_what_it_wrote(tmp_path: Path) -> None:
     fastslam("convert", folder, tmp_path / "graph.g2o").assert_one_line_error(
         exit_code=1, contains="exists already"
     )
+
+
+def test_events_of_a_log_drive_a_robot_to_the_bits_of_a_run(tmp_path: Path) -> None:
+    log = make_small_log(steps=80)
+    write_native(log, tmp_path / "log")
+    outcome = fastslam("convert", tmp_path / "log", tmp_path / "events.jsonl")
+    assert outcome.exit_code == 0 and "81 controls, 96 sightings; without truth" in outcome.stdout
+    lines = (tmp_path / "events.jsonl").read_text().splitlines()
+    assert len(lines) == 81 + 16
+    robot = Robot(configure(log), identities="all")
+    for line in lines:
+        tell(robot, line)
+    robot.end()
+    result = run(log, robot.config)
+    assert set(robot.landmarks.ids) == set(log.identity_names)
+    np.testing.assert_array_equal(robot.path.T_world_robot, result.smoothed.T_world_robot)
+    again = fastslam("convert", tmp_path / "log", tmp_path / "events.jsonl")
+    assert again.exit_code == 1 and "exists" in again.stderr
+
+
+def test_events_tell_classes_sensors_and_covariances() -> None:
+    log = make_small_log(steps=20)
+    rng = np.random.default_rng(2)
+    count = len(log.sightings.stamp_s)
+    index = np.arange(count) % 2
+    seen = replace(log.sightings, sensor_index=index, class_index=rng.integers(-1, 2, count))
+    covariance = random_covariances(rng, len(log.controls.stamp_s), 3)
+    log = replace(
+        log,
+        sightings=seen,
+        sensor_names=("rear", "front"),
+        class_names=("blue", "yellow"),
+        controls=replace(log.controls, covariance=covariance),
+        config={
+            "motion": log.config["motion"],
+            "sensors": {"rear": {"mounting": {"yaw_rad": 3.0}}, "front": {}},
+            "association": {"mode": "unknown", "classes": {"number": 2}},
+        },
+    )
+    events = [json.loads(line) for line in event_lines(log, configure(log))]
+    assert [event["t"] for event in events] == sorted(event["t"] for event in events)
+    told = [event for event in events if "see" in event]
+    assert [event["sensor"] for event in told] == ["front", "rear"] * 4 and len(told) == 8
+    labels = {sighting[2] for event in told for sighting in event["see"] if len(sighting) == 3}
+    assert labels == {"blue", "yellow"} and sum(len(event["see"]) for event in told) == count
+    covariances = np.array([event["cov"] for event in events if "cov" in event])
+    np.testing.assert_array_equal(covariances[:, UPPER[0], UPPER[1]], covariance)
+    np.testing.assert_array_equal(covariances, covariances.swapaxes(1, 2))
+    robot = Robot(configure(log), classes=log.class_names)
+    assert not any(isinstance(tell(robot, json.dumps(event)), str) for event in events)
+    ranges = replace(log, config={"sensor": {"model": "range"}}, sensor_names=())
+    with pytest.raises(DataError, match="have a range and a bearing"):
+        list(event_lines(ranges, configure(ranges)))
+
+
+def test_events_of_a_laser_are_its_turns() -> None:
+    log = log_of_posts()
+    assert log.scans is not None
+    events = [json.loads(line) for line in event_lines(log, configure(log))]
+    turns = [event for event in events if "scan" in event]
+    assert len(turns) == len(log.scans.stamp_s) > 0
+    robot = Robot(without_detector(configure(log)), identities="none", scanner=Scanner.of(log))
+    for event in events:
+        tell(robot, json.dumps(event))
+    robot.end()
+    assert robot.landmarks.sightings.sum() == len(detect(log).sightings.stamp_s)

@@ -15,16 +15,18 @@ from .datasets.registry import load
 from .dead_reckoning import path_of_odometry, start_pose
 from .detection import with_sightings
 from .errors import DataError
+from .events import event_lines
 from .log import Log, TruthTrajectory
 from .runner import configure
 from .several import refuse_several
 
 
 def convert(source: Log | Path | str, target: Path | str, *, to: str | None = None) -> Path:
-    """Write a log as `native` (a folder), `g2o` or `tum` (files) and return the path.
+    """Write a log as `native` (a folder), `g2o`, `tum` or `jsonl` (files) and return the path.
 
-    Without `to` the suffix of `target` decides: `.g2o`, `.tum`, none for `native`. `g2o` holds odometry and
-    sightings with their noise, no truth; `tum` the true path, or that of odometry where there is no truth.
+    Without `to` the suffix of `target` decides: `.g2o`, `.tum`, `.jsonl`, none for `native`. `g2o` holds
+    odometry and sightings with their noise, no truth; `tum` the true path, or that of odometry where there is
+    no truth; `jsonl` odometry and sightings, or scans, as the events that `fastslam live` reads.
 
     Errors: DataError for a log that the format cannot hold, a target that exists, or an unknown format.
     """
@@ -73,6 +75,10 @@ def _write_tum(log: Log, target: Path) -> None:
     write_text(target, tum_text(truth))
 
 
+def _write_events(log: Log, target: Path) -> None:
+    write_text(target, "".join(f"{line}\n" for line in event_lines(log, configure(log))))
+
+
 def _write_native(log: Log, target: Path) -> None:
     write_native(log, target)
 
@@ -81,4 +87,5 @@ WRITERS: dict[str, Callable[[Log, Path], None]] = {
     "native": _write_native,
     "g2o": _write_g2o,
     "tum": _write_tum,
+    "jsonl": _write_events,
 }

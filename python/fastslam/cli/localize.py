@@ -141,6 +141,7 @@ def _begin(found: Localisation) -> str:
 
 
 def _show(found: Localisation, written: tuple[Path, Any] | None) -> None:
+    from ..resultfiles import REPORT_FILE
     from ..verdict import warnings_of
 
     console = stdout()
@@ -161,6 +162,9 @@ def _show(found: Localisation, written: tuple[Path, Any] | None) -> None:
     for warning in warnings_of(found.result):
         stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
     console.print(f"results: {written[0]}", soft_wrap=True, highlight=False, markup=False)
+    page = written[0] / REPORT_FILE
+    if page.exists():
+        console.print(f"report:  {page}", soft_wrap=True, highlight=False, markup=False)
 
 
 def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, Any]:
