@@ -195,3 +195,19 @@ def test_the_log_of_a_robot_keeps_what_its_odometry_says_of_itself() -> None:
     stated = robot.result()[1].controls.covariance
     assert stated is not None and np.isnan(stated[0]).all()
     np.testing.assert_array_equal(stated[1], covariance[np.triu_indices(3)])
+
+
+def test_what_steps_warn_of_is_said_once() -> None:
+    lines = event_lines()
+    nameless = [json.dumps({**json.loads(line), "see": [[2.0, 0.1]]}) for line in lines if '"see"' in line]
+    told = sorted(
+        [*nameless, *(line for line in lines if '"odom"' in line)], key=lambda x: json.loads(x)["t"]
+    )
+    options = [*SETTINGS, "--set", "health.longest_blindness_s=3", "--identities", "all"]
+    done = subprocess.run(
+        program(*options), input="\n".join(told), capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0
+    (warning,) = done.stderr.splitlines()
+    assert warning.startswith("warning: at ") and "s: no sighting was used for 3." in warning
+    assert "without the identity that all should have" in warning

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import sys
 from collections.abc import Iterator
@@ -81,7 +82,8 @@ def live_stream(
     class where association.classes is configured, else name. With --scanner,
     {"t": 12.25, "scan": [3.2, null, ..]} is a turn of the laser, a range per beam, in which landmarks are
     detected. Lines that are none of these are counted and reported, and so are sightings of a class that
-    is none of --classes; null or a word such as "unknown" says that nobody knows it.
+    is none of --classes; null or a word such as "unknown" says that nobody knows it. What speaks against the
+    noise that is set, or is skipped all the time, is said on stderr, once.
 
     tcp:PORT listens on this machine only, and ends when the sender closes. The end of the input, Ctrl-C and
     SIGTERM keep the state in --checkpoint, from which the same command goes on.
@@ -152,7 +154,7 @@ def live_stream(
 
 
 def _pump(session: Session, lines: Iterator[str], watcher: Watcher | None) -> None:
-    shown = 0
+    shown, kinds = 0, set[str]()
     for line in lines:
         try:
             estimate = session.take(line)
@@ -163,10 +165,23 @@ def _pump(session: Session, lines: Iterator[str], watcher: Watcher | None) -> No
         for why in session.left_out.shown[shown:]:
             stderr().print(f"left out: {why}", markup=False, highlight=False, soft_wrap=True)
         shown = len(session.left_out.shown)
+        _warn(session, kinds)
         if estimate is not None:
             _write(estimate.to_line())
         if watcher is not None and session.robot.last_step is not None and watcher.is_due():
             watcher.show(session.robot.view(session.robot.last_step))
+
+
+def _warn(session: Session, kinds: set[str]) -> None:
+    """Says what the newest step warns of; what differs in its numbers alone is said once."""
+    if session.step is None:
+        return
+    for warning in session.step.info.warnings:
+        kind = re.split(r"[0-9]", warning, maxsplit=1)[0]
+        if kind not in kinds:
+            kinds.add(kind)
+            at = f"warning: at {session.step.stamp_s:.1f} s: {warning}"
+            stderr().print(at, markup=False, highlight=False, soft_wrap=True)
 
 
 def _finish(session: Session, checkpoint: Path | None) -> None:
