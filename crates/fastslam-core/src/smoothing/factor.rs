@@ -1,13 +1,9 @@
 //! The sparse Cholesky factor of a precision matrix: solves with it, and draws from the Gaussian it describes.
 
-use super::elimination::{Elimination, Places};
+use super::elimination::Elimination;
+use super::symbolic::{room, Order, Places};
 use super::triangle::UpperTriangle;
 use crate::vector::vectorized;
-use faer::sparse::linalg::cholesky::{
-    factorize_symbolic_cholesky, CholeskySymbolicParams, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
-};
-use faer::sparse::linalg::SupernodalThreshold;
-use faer::Side;
 
 /// Draws that are worked on side by side.
 pub const LANES: usize = 16;
@@ -16,10 +12,8 @@ pub const LANES: usize = 16;
 pub type Lanes = [f64; LANES];
 
 /// P A Pᵀ = L Lᵀ with an order P that keeps L sparse.
-///
-/// Order and places are those of `faer`, for factorisation column by column; the numbers are ours ([`Elimination`]).
 pub struct Factor {
-    symbolic: SymbolicCholesky<usize>,
+    order: Order,
     elimination: Elimination,
     values: Vec<f64>,
 }
@@ -28,39 +22,33 @@ impl Factor {
     /// The structure of the factors of all matrices that have their numbers in the same places; `None` when there is
     /// no memory for it.
     pub fn of_structure(matrix: &UpperTriangle) -> Option<Self> {
-        Self::ordered(matrix, SymmetricOrdering::Amd)
+        Self::ordered(matrix, Order::of_least_degree(matrix)?)
     }
 
     /// [`Self::of_structure`] that keeps the order of the variables: for a chain whose dense columns come last.
     pub fn in_order(matrix: &UpperTriangle) -> Option<Self> {
-        Self::ordered(matrix, SymmetricOrdering::Identity)
+        Self::ordered(matrix, Order::as_given(matrix.size()))
     }
 
-    fn ordered(matrix: &UpperTriangle, ordering: SymmetricOrdering<'_, usize>) -> Option<Self> {
-        let params = CholeskySymbolicParams {
-            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SIMPLICIAL,
-            ..CholeskySymbolicParams::default()
-        };
-        let symbolic = factorize_symbolic_cholesky(matrix.symbolic(), Side::Upper, ordering, params).ok()?;
-        let values = vec![0.0; symbolic.len_val()];
-        let position = |variable: usize| symbolic.perm().map_or(variable, |perm| perm.arrays().1[variable]);
-        let elimination = Elimination::new(matrix, position, places_of(&symbolic));
-        Some(Self { symbolic, elimination, values })
+    fn ordered(matrix: &UpperTriangle, order: Order) -> Option<Self> {
+        let elimination = Elimination::new(matrix, &order)?;
+        let values = room(elimination.places().rows.len(), 0.0)?;
+        Some(Self { order, elimination, values })
     }
 
     /// Factorises a matrix of this structure; false when it is not positive definite.
     #[must_use]
     pub fn factorize(&mut self, matrix: &UpperTriangle) -> bool {
-        self.elimination.factorize(&matrix.values, places_of(&self.symbolic), &mut self.values)
+        self.elimination.factorize(&matrix.values, &mut self.values)
     }
 
     /// A⁻¹ b.
     pub fn solve(&self, b: &[f64]) -> Vec<f64> {
-        let mut x: Vec<[f64; 1]> = (0..b.len()).map(|i| [b[self.original(i)]]).collect();
+        let mut x: Vec<[f64; 1]> = (0..b.len()).map(|i| [b[self.order.variable(i)]]).collect();
         self.forward(&mut x, 0);
         self.backward(&mut x);
         let mut solution = vec![0.0; b.len()];
-        (0..b.len()).for_each(|i| solution[self.original(i)] = x[i][0]);
+        (0..b.len()).for_each(|i| solution[self.order.variable(i)] = x[i][0]);
         solution
     }
 
@@ -70,12 +58,12 @@ impl Factor {
     /// (L Lᵀ)⁻¹.
     pub fn draw<const N: usize>(&self, normal: &mut [[f64; N]], mut out: impl FnMut(usize, &[f64; N])) {
         self.backward(normal);
-        normal.iter().enumerate().for_each(|(i, x)| out(self.original(i), x));
+        normal.iter().enumerate().for_each(|(i, x)| out(self.order.variable(i), x));
     }
 
     /// The covariance of some variables: their rows and columns of A⁻¹.
     pub fn covariance(&self, variables: &[usize]) -> Vec<Vec<f64>> {
-        let positions: Vec<usize> = variables.iter().map(|v| self.position(*v)).collect();
+        let positions: Vec<usize> = variables.iter().map(|v| self.order.position(*v)).collect();
         let mut covariance = vec![vec![0.0; variables.len()]; variables.len()];
         let mut x = vec![[0.0; LANES]; self.size()];
         for (block, columns) in positions.chunks(LANES).enumerate() {
@@ -102,22 +90,12 @@ impl Factor {
 
     /// Number of variables.
     pub fn size(&self) -> usize {
-        self.symbolic.nrows()
-    }
-
-    /// The variable in row `i` of L.
-    fn original(&self, i: usize) -> usize {
-        self.symbolic.perm().map_or(i, |perm| perm.arrays().0[i])
-    }
-
-    /// The row of L that belongs to a variable.
-    fn position(&self, variable: usize) -> usize {
-        self.symbolic.perm().map_or(variable, |perm| perm.arrays().1[variable])
+        self.elimination.places().starts.len() - 1
     }
 
     /// Rows and values of a column of L, diagonal first.
     fn columns(&self) -> impl DoubleEndedIterator<Item = (&[usize], &[f64])> {
-        let Places { starts, rows } = places_of(&self.symbolic);
+        let Places { starts, rows } = self.elimination.places();
         starts.windows(2).map(|w| (&rows[w[0]..w[1]], &self.values[w[0]..w[1]]))
     }
 
@@ -168,23 +146,10 @@ impl Factor {
     }
 }
 
-/// Where the numbers of a factor stand.
-fn places_of(symbolic: &SymbolicCholesky<usize>) -> Places<'_> {
-    let (starts, rows) = match symbolic.raw() {
-        SymbolicCholeskyRaw::Simplicial(l) => (l.col_ptr(), l.row_idx()),
-        // Excluded by the parameters of the analysis.
-        SymbolicCholeskyRaw::Supernodal(_) => (&[][..], &[][..]),
-    };
-    Places { starts, rows }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::random::{Purpose, RandomSource};
-    use faer::dyn_stack::{MemBuffer, MemStack};
-    use faer::sparse::SparseColMatRef;
-    use faer::Par;
 
     /// A tridiagonal matrix with one far entry: 3 on the diagonal, −1 beside it and between first and last.
     fn ring(size: usize) -> (UpperTriangle, Vec<Vec<f64>>) {
@@ -206,46 +171,102 @@ mod tests {
         (upper, dense)
     }
 
-    /// The factor as `faer` fills it, one column at a time.
-    fn one_by_one(factor: &Factor, matrix: &UpperTriangle) -> Vec<f64> {
-        let mut values = vec![0.0; factor.values.len()];
-        let scratch = factor.symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
-        let mut memory = MemBuffer::new(scratch);
-        let numbers = SparseColMatRef::new(matrix.symbolic(), matrix.values.as_slice());
-        let (stack, spec) = (MemStack::new(&mut memory), faer::Spec::default());
-        let symbolic = &factor.symbolic;
-        let done = symbolic.factorize_numeric_llt(
-            &mut values,
-            numbers,
-            Side::Upper,
-            Default::default(),
-            Par::Seq,
-            stack,
-            spec,
-        );
-        assert!(done.is_ok());
-        values
+    /// The entries of each column of P A Pᵀ down to the diagonal, in the order in which they stand in the matrix.
+    fn columns_in_order(matrix: &UpperTriangle, order: &Order) -> Vec<Vec<(usize, f64)>> {
+        let mut columns = vec![Vec::new(); matrix.size()];
+        for c in 0..matrix.size() {
+            for place in matrix.column_starts[c]..matrix.column_starts[c + 1] {
+                let [a, b] = [order.position(matrix.rows[place]), order.position(c)];
+                columns[a.max(b)].push((a.min(b), matrix.values[place]));
+            }
+        }
+        columns
+    }
+
+    /// The columns of L, of numbers that one column after the other was subtracted from.
+    ///
+    /// **Source:** up-looking Cholesky as textbooks have it: row k solves a triangular system in the columns that the
+    /// entries above the diagonal lead to, each of which leads to the column of its first number below the diagonal.
+    fn one_by_one(matrix: &UpperTriangle, order: &Order) -> Vec<Vec<(usize, f64)>> {
+        let mut factor: Vec<Vec<(usize, f64)>> = Vec::new();
+        for (k, column) in columns_in_order(matrix, order).iter().enumerate() {
+            let (mut row, mut reached) = (vec![0.0; k + 1], Vec::new());
+            for &(entry, value) in column {
+                row[entry] += value;
+                let mut path: Vec<usize> = Vec::new();
+                let mut next = Some(entry).filter(|entry| *entry < k);
+                while let Some(at) = next.filter(|at| !reached.contains(at)) {
+                    path.push(at);
+                    next = factor[at].get(1).map(|(below, _)| *below).filter(|below| *below < k);
+                }
+                reached.splice(0..0, path);
+            }
+            let mut pivot = row[k];
+            for j in reached {
+                let own = row[j] * (1.0 / factor[j][0].1);
+                factor[j][1..].iter().for_each(|(below, value)| row[*below] -= value * own);
+                pivot -= own * own;
+                factor[j].push((k, own));
+            }
+            factor.push(vec![(k, pivot.sqrt())]);
+        }
+        factor
+    }
+
+    /// Poses and landmarks that some of them saw; positive definite since its diagonal dominates.
+    fn seen_by_chance(case: u64) -> UpperTriangle {
+        let stream = RandomSource::new(4).stream(Purpose::Simulation, case);
+        let chance = |a: usize, b: usize| stream.uniform(a as u32, b as u32);
+        let (poses, landmarks) = (20 + 10 * case as usize, 30);
+        let seen = |k: usize| (0..poses).filter(move |pose| chance(k, *pose) < 0.2).collect::<Vec<_>>().into_iter();
+        let mut matrix = UpperTriangle::of_chain::<3, 2>(poses, (0..landmarks).map(seen));
+        for (i, value) in matrix.values.iter_mut().enumerate() {
+            *value = chance(landmarks, i) - 0.5;
+        }
+        for (c, end) in matrix.column_starts[1..].iter().enumerate() {
+            matrix.values[end - 1] = 60.0 + chance(landmarks + 1, c) + poses as f64;
+        }
+        matrix
     }
 
     #[test]
     fn columns_that_are_met_together_have_the_bits_of_one_after_the_other() {
         for case in 0..30 {
-            let stream = RandomSource::new(4).stream(Purpose::Simulation, case);
-            let chance = |a: usize, b: usize| stream.uniform(a as u32, b as u32);
-            let (poses, landmarks) = (20 + 10 * case as usize, 30);
-            let seen = |k: usize| (0..poses).filter(move |pose| chance(k, *pose) < 0.2).collect::<Vec<_>>().into_iter();
-            let mut matrix = UpperTriangle::of_chain::<3, 2>(poses, (0..landmarks).map(seen));
-            for (i, value) in matrix.values.iter_mut().enumerate() {
-                *value = chance(landmarks, i) - 0.5;
-            }
-            for (c, end) in matrix.column_starts[1..].iter().enumerate() {
-                matrix.values[end - 1] = 60.0 + chance(landmarks + 1, c) + poses as f64;
-            }
+            let matrix = seen_by_chance(case);
             for structure in [Factor::of_structure, Factor::in_order] {
                 let mut factor = structure(&matrix).unwrap();
                 assert!(factor.factorize(&matrix));
-                let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
-                assert_eq!(bits(&factor.values), bits(&one_by_one(&factor, &matrix)), "case {case}");
+                let expected = one_by_one(&matrix, &factor.order);
+                for (j, ((rows, values), expected)) in factor.columns().zip(&expected).enumerate() {
+                    let got: Vec<_> = rows.iter().zip(values).map(|(row, value)| (*row, value.to_bits())).collect();
+                    let expected: Vec<_> = expected.iter().map(|(row, value)| (*row, value.to_bits())).collect();
+                    assert_eq!(got, expected, "case {case}, column {j}");
+                }
+                assert_eq!(expected.len(), factor.size());
+            }
+        }
+    }
+
+    #[test]
+    fn a_factor_times_its_transpose_is_the_matrix_in_its_order() {
+        for case in 0..8 {
+            let matrix = seen_by_chance(case);
+            for structure in [Factor::of_structure, Factor::in_order] {
+                let mut factor = structure(&matrix).unwrap();
+                assert!(factor.factorize(&matrix));
+                let size = factor.size();
+                let mut product = vec![vec![0.0; size]; size];
+                for (rows, values) in factor.columns() {
+                    for (a, x) in rows.iter().zip(values) {
+                        rows.iter().zip(values).for_each(|(b, y)| product[*a][*b] += x * y);
+                    }
+                }
+                for (c, column) in columns_in_order(&matrix, &factor.order).iter().enumerate() {
+                    column.iter().for_each(|(r, value)| product[*r][c] -= value);
+                    // A sum of at most `size` products of rows whose squares sum to a diagonal below 200.
+                    let bound = size as f64 * 200.0 * f64::EPSILON;
+                    assert!(product[..=c].iter().all(|row| row[c].abs() < bound), "case {case}, column {c}");
+                }
             }
         }
     }

@@ -23,6 +23,7 @@ mod history;
 mod misread;
 mod rows;
 mod second_thoughts;
+mod symbolic;
 mod triangle;
 mod twins;
 

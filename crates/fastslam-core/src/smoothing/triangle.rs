@@ -1,7 +1,5 @@
 //! The upper triangle of a sparse symmetric matrix.
 
-use faer::sparse::SymbolicSparseColMatRef;
-
 /// The upper triangle of a symmetric matrix, column by column.
 #[derive(Clone, Debug, Default)]
 pub struct UpperTriangle {
@@ -50,11 +48,5 @@ impl UpperTriangle {
         for end in &self.column_starts[1..] {
             self.values[end - 1] *= factor;
         }
-    }
-
-    /// The places of its numbers.
-    pub(super) fn symbolic(&self) -> SymbolicSparseColMatRef<'_, usize> {
-        let n = self.size();
-        SymbolicSparseColMatRef::new_checked(n, n, &self.column_starts, None, &self.rows)
     }
 }
