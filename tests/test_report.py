@@ -18,6 +18,7 @@ from fastslam.charts.over_time import position_std_m
 from fastslam.charts.panel import Chart, Panel
 from fastslam.charts.svg import draw_chart
 from fastslam.evaluation import evaluate
+from fastslam.health import HealthStatus
 from fastslam.log import Log, Problem
 from fastslam.page_svg import themed_svg
 from fastslam.plots import (
@@ -205,6 +206,21 @@ def test_ids_of_the_figures_do_not_clash_and_references_hold() -> None:
     assert len(references) == 14
     assert references <= set(found.ids)
     assert len(found.ids) == len(set(found.ids))
+
+
+def test_a_path_is_cut_where_a_search_begins() -> None:
+    run = make_run()
+    steps = run.steps
+    health = np.ones(len(steps.stamp_s), dtype=np.int64)
+    health[:3] = health[50:60] = health[90:] = HealthStatus.SEARCHING
+    searched = replace(run, steps=replace(steps, health=health))
+    lines = [line for line in plot_map(new_axis(), searched, make_log()).get_lines()]
+    live = [line for line in lines if line.get_color() == "#0072b2"]
+    assert [len(line.get_xdata()) for line in live] == [50, 40, len(health) - 90]
+    whole = np.concatenate([np.column_stack(line.get_data()) for line in live])
+    np.testing.assert_array_equal(whole, run.trajectory.T_world_robot[:, :2])
+    assert legend_texts(lines[0].axes).count("path, live") == 1
+    assert "searching" in make_page(run=searched) and "searching" not in make_page(run=run)
 
 
 def test_the_page_follows_a_dark_theme() -> None:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..evaluation import Evaluation, RigidTransform
+from ..health import HealthStatus
 from ..log import Floats, Log
-from ..result import LandmarkMap, RunResult
+from ..result import LandmarkMap, RunResult, Steps, Trajectory
 from . import palette
 from .panel import Dots, DotShape, Ellipses, Line, Mark, Panel, range_of
 
@@ -86,15 +87,23 @@ def landmark_groups(landmarks: LandmarkMap) -> list[LandmarkGroup]:
 
 
 def _paths(result: RunResult) -> list[Mark]:
-    live, smoothed = result.trajectory.T_world_robot, result.smoothed.T_world_robot
+    live, smoothed = result.trajectory, result.smoothed
     # The upper line is the thinner one, so that both are seen where they agree.
     looks = ((live, palette.LIVE, 2.2, "live", 3.0), (smoothed, palette.SMOOTHED, 1.0, "smoothed", 4.0))
     marks: list[Mark] = [
-        Line(x=poses[:, 0], y=poses[:, 1], color=color, width=width, label=f"path, {name}", order=order)
-        for poses, color, width, name, order in looks
+        Line(
+            x=poses[:, 0],
+            y=poses[:, 1],
+            color=color,
+            width=width,
+            label="" if number else f"path, {name}",
+            order=order,
+        )
+        for path, color, width, name, order in looks
+        for number, poses in enumerate(_pieces(path, result.steps))
         if len(poses)
     ]
-    path = smoothed if len(smoothed) else live
+    path = result.path.T_world_robot
     if len(path):
         ends: tuple[tuple[Floats, DotShape, str, str], ...] = (
             (path[:1], "triangle", palette.GOOD, "start"),
@@ -105,6 +114,13 @@ def _paths(result: RunResult) -> list[Mark]:
             for pose, shape, color, name in ends
         ]
     return marks
+
+
+def _pieces(path: Trajectory, steps: Steps) -> list[Floats]:
+    """The poses of a path, cut where a search in the map begins: nobody knows the way there."""
+    searched = steps.health == HealthStatus.SEARCHING
+    begins_s = steps.stamp_s[np.diff(searched.astype(np.int8), prepend=1) > 0]
+    return np.split(path.T_world_robot, np.searchsorted(path.stamp_s, begins_s))
 
 
 def _provisional(mean_m: Floats) -> list[Mark]:
