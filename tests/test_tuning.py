@@ -14,11 +14,10 @@ from fastslam.config import Config, load_config, merge
 from fastslam.datasets import write_native
 from fastslam.errors import DataError
 from fastslam.log import Log
-from fastslam.result import RunResult
 from fastslam.runner import configure, run
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.tuning import Tuning, tune
-from fastslam.tuning.judge import evidence, fault_of, log_new_density
+from fastslam.tuning.judge import SOUND, evidence, judged, log_new_density
 from fastslam.tuning.learn import LASER_SCALE_STD, SCALE, SENSOR_KNOWN, Value, blamed, wide_noise
 from fastslam.tuning.motion import DISTANCE as DISTANCE_GAIN
 from fastslam.tuning.motion import motion_parameters
@@ -177,9 +176,12 @@ def test_the_tail_likelihood_is_highest_at_the_true_degrees_of_freedom() -> None
     assert max(likelihoods, key=lambda tail: likelihoods[tail]) == 4.0
 
 
-def test_a_lost_run_and_a_doubled_map_are_refused(sound: Log) -> None:
+def test_a_lost_run_is_refused_and_a_map_that_is_bent_or_there_twice_not_preferred(
+    sound: Log, broken: Log
+) -> None:
     result = run(sound, UNKNOWN)
-    assert fault_of(result) is None
+    good = judged(result, sound, result.config)
+    assert good.rank == SOUND and good.explained > 0.98
     doubled = replace(
         result.landmarks,
         ids=(*result.landmarks.ids, *(f"{name}b" for name in result.landmarks.ids)),
@@ -188,14 +190,21 @@ def test_a_lost_run_and_a_doubled_map_are_refused(sound: Log) -> None:
         sightings=np.tile(result.landmarks.sightings, 2),
         confirmed=None,
     )
-    assert "twice" in message_of(replace(result, landmarks=doubled))
+    twice = judged(replace(result, landmarks=doubled), sound, result.config)
+    assert good.is_simpler(twice) and not twice.is_simpler(good)
+    half = replace(
+        result.landmarks,
+        **{
+            name: getattr(result.landmarks, name)[::2]
+            for name in ("ids", "mean_m", "covariance_m2", "sightings")
+        },
+        confirmed=None,
+    )
+    assert not judged(replace(result, landmarks=half), sound, result.config).is_simpler(good)
     lost = replace(result.steps, health=np.full_like(result.steps.health, 3))
-    assert "lost" in message_of(replace(result, steps=lost))
-
-
-def message_of(result: RunResult) -> str:
-    fault = fault_of(result)
-    return "" if fault is None else fault.message
+    assert "lost" in (judged(replace(result, steps=lost), sound, result.config).fault or "")
+    bent = run(broken, UNKNOWN)
+    assert good.is_simpler(judged(bent, broken, bent.config))
 
 
 def test_noise_that_no_filter_survives_is_refused_with_the_reason(sound: Log) -> None:

@@ -27,7 +27,7 @@ from .log import Controls, Floats, Ints, Log
 from .result import RunResult
 from .runner import configure, refuse_ranges_alone, run
 from .settings import Layer
-from .tuning.judge import evidence, fault_of
+from .tuning.judge import evidence, judged
 
 Reference: TypeAlias = Literal["sensor", "odometry", "survey"]
 RANGE_PARAMETERS = ("range_scale", "range_bias_m")
@@ -109,9 +109,9 @@ def calibrate(
     configuration = configure(log, config or {})
     refuse_ranges_alone(configuration, "calibrate")
     result = run(log, configuration)
-    fault = fault_of(result)
+    fault = judged(result, log, configuration).fault
     if fault is not None:
-        message = f"nothing can be calibrated from this run: {fault.message}; `fastslam tune` may find why"
+        message = f"nothing can be calibrated from this run: {fault}; `fastslam tune` may find why"
         raise DataError(message, log.source)
     problem = _problem(log, configuration, result, reference)
     found = _calibration(configuration, problem, solve_sensor(problem), noise=noise)

@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from .log import Sightings
 
-from .trust import LOST
+from .trust import WAS_LOST
 
 ASK_FIRST = "but a lost filter has other reasons too: `fastslam info LOG` and `fastslam doctor LOG` first"
 _MARK = "(NIS "
@@ -91,7 +91,7 @@ def _of_covariances(warning: Mapping[str, Any], *, detected: bool) -> str:
 
 def after_losing(warnings: Iterable[str], verdict: Iterable[str]) -> tuple[str, ...]:
     """Advice on noise where the filter was lost, which has other reasons too: with what comes first."""
-    if not any(sentence.startswith(LOST) for sentence in verdict):
+    if not any(sentence.startswith(WAS_LOST) for sentence in verdict):
         return tuple(warnings)
     return tuple(f"{sentence}; {ASK_FIRST}" if _MARK in sentence else sentence for sentence in warnings)
 

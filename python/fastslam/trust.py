@@ -35,8 +35,12 @@ MOST_UNEXPLAINED = 0.1
 """Share of the sightings that were used in the run and are far from every landmark of the map."""
 
 
-LOST = "the filter was lost"
+# Names of the rules.
+LOST = "lost"
 NOT_FOUND = "not found again"
+LANDMARKS = "landmarks"
+UNEXPLAINED = "unexplained"
+WAS_LOST = "the filter was lost"
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ def _of_steps(result: RunResult, laid: Laid | None) -> Iterator[Doubt]:
         hint = (
             "" if result.chart is None else "; where its start is not sure, a search in the map may find it"
         )
-        yield Doubt("lost", lost / MOST_LOST, f"{LOST} in {lost:.0%} of its steps{hint}")
+        yield Doubt(LOST, lost / MOST_LOST, f"{WAS_LOST} in {lost:.0%} of its steps{hint}")
     nis, band = result.noise.get("nis"), result.noise.get("nis_band")
     if nis is not None and band is not None and band[1] > 0:
         whole = result.config["sensor"]["model"] == "range_bearing"
@@ -139,7 +143,7 @@ def _of_kept_map(result: RunResult) -> Iterator[Doubt]:
 def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
     named = result.config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
     stand = standing(laid, named=named)
-    yield Doubt("landmarks", stand.odd / max(FEW_ODD, MOST_WRONG * stand.landmarks), _landmarks(stand))
+    yield Doubt(LANDMARKS, stand.odd / max(FEW_ODD, MOST_WRONG * stand.landmarks), _landmarks(stand))
     steps = result.steps
     used = 1.0 - float((steps.ignored + steps.new_landmarks).sum()) / max(int(steps.sightings.sum()), 1)
     lacking = used - float(laid.explained.mean())
@@ -147,7 +151,7 @@ def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
         f"{lacking:.0%} of the sightings were taken for landmarks of the map and, along the path that came "
         "out, are far from all of them"
     )
-    yield Doubt("unexplained", lacking / MOST_UNEXPLAINED, sentence)
+    yield Doubt(UNEXPLAINED, lacking / MOST_UNEXPLAINED, sentence)
 
 
 def _landmarks(stand: Standing) -> str:

@@ -13,7 +13,7 @@ from .health import health_warning
 from .log import Floats, Log, Sightings
 from .result import RunResult
 from .several import as_of_one
-from .trust import LOST, NOT_FOUND, against, doubts
+from .trust import NOT_FOUND, WAS_LOST, against, doubts
 
 MANY_DROPPED = 0.01
 """From this fraction on, sightings that were not used are worth a line."""
@@ -40,7 +40,7 @@ def judged(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) ->
     `two_places` is the core's list of names that were seen at two places, as the poses were believed then.
     """
     found, unhealthy = verdict(result, log, two_places), health_warning(result.steps)
-    told = unhealthy is None or any(sentence.startswith(LOST) for sentence in found)
+    told = unhealthy is None or any(sentence.startswith(WAS_LOST) for sentence in found)
     return replace(result, verdict=found, warnings=(*result.warnings, *(() if told else (unhealthy,))))
 
 

@@ -37,8 +37,9 @@ def tune_log(
 ) -> None:
     """Find the noise, the gains, biases and delay of the odometry, and the mounting of the sensor.
 
-    The first 70 % of the sightings teach, the others judge: what is written explains them better than the
-    settings stated, by 10 nats or more, or the file is empty. At most five runs of the filter are made.
+    The first 70 % of the sightings teach, the others judge: what is written makes a sounder or simpler map
+    than the settings stated, or explains them better by 10 nats, or the file is empty. At most seven runs of
+    the filter are made.
 
     Settings come from: defaults < the log's own < --config < --set; they say where to begin.
 

@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from ..config import merge
 from ..health import health_summary
-from ..log import Bools
+from ..laid import laid_on_map
+from ..log import Log
 from ..result import RunResult
+from ..trust import LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED, doubts
 from ..verdict import not_found_again
 
 MOST_LOST = 0.2
 """A run that is lost in more of its steps teaches nothing."""
 MOST_UNEXPLAINED = 0.5
 """A map of which more of the sightings show nothing is none."""
-MOST_DOUBLED = 0.4
-"""Share of landmarks that stand beside another, nearer than their uncertainty lets two be told apart."""
-DOUBLED_STDS = 3.0
-NEIGHBOURS = 6
-"""So many of the nearest landmarks are looked at: those that are one lie next to each other."""
-LEAST_LANDMARKS = 4
+FEWER = 0.9
+AS_MUCH = 0.02
+"""A map of less than this share of the landmarks is the better if it explains but so much less of the log."""
+OF_THE_MAP = (LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED)
+"""What speaks against a map whatever its noise; innovations speak against the noise."""
+WORTHLESS = 4.0
+"""A map that goes so many times beyond what is believed of a map is no map: 40 % of it do not stand."""
 
 
 def log_new_density(config: Mapping[str, Any]) -> float:
@@ -59,57 +63,59 @@ def evidence(result: RunResult, from_s: float, common: Mapping[str, Any]) -> flo
 
 
 @dataclass(frozen=True)
-class Fault:
-    """Why a run is not to be learned from, in a sentence."""
+class Judgement:
+    """What speaks against a run, a sentence each, and how much of the log how small a map explains."""
 
-    message: str
+    fault: str | None
+    """Why the run teaches nothing."""
+    doubt: str | None
+    """Why its map is not believed."""
+    landmarks: int
+    """Landmarks that are believed."""
+    explained: float
+    """Share of the sightings that lie near one of them, in noise that is the same for all runs."""
+
+    @property
+    def rank(self) -> int:
+        """SOUND where nothing speaks against the run, 0 where it is worthless for learning."""
+        return SOUND if self.doubt is None else int(self.fault is None)
+
+    def is_simpler(self, other: Judgement) -> bool:
+        """Whether clearly fewer landmarks explain as much: those that the other has more are there twice."""
+        fewer = self.landmarks < FEWER * other.landmarks
+        return fewer and self.explained > other.explained - AS_MUCH
 
 
-def fault_of(result: RunResult) -> Fault | None:
-    """What makes a run worthless for learning: lost, or its map there twice. None for a sound one."""
+SOUND = 2
+
+
+def judged(result: RunResult, log: Log, common: Mapping[str, Any]) -> Judgement:
+    """Holds a run against the log, and its map against the noise of the settings `common`."""
+    landmarks = result.landmarks
+    believed = len(landmarks.ids) if landmarks.confirmed is None else int(landmarks.confirmed.sum())
+    noise = {name: common["sensor"][name] for name in ("range_std_m", "bearing_std_rad")}
+    laid = laid_on_map(replace(result, config=merge(result.config, {"sensor": noise})), log)
+    explained = 0.0 if laid is None else float(laid.explained.mean())
+    fault = _fault_of(result)
+    if fault is not None:
+        return Judgement(fault, fault, believed, explained)
+    of_map = next((doubt for doubt in doubts(result, log) if doubt.rule in OF_THE_MAP), None)
+    doubt = None if of_map is None or of_map.ratio < 1.0 else of_map.sentence
+    fault = None if of_map is None or of_map.ratio < WORTHLESS else of_map.sentence
+    return Judgement(fault, doubt, believed, explained)
+
+
+def _fault_of(result: RunResult) -> str | None:
+    """What makes a run worthless for learning, whatever its map: lost, empty, or its loops open."""
     health = health_summary(result.steps)
     if health.lost is not None and health.lost > MOST_LOST:
-        return Fault(f"the filter was lost in {health.lost:.0%} of its steps")
-    landmarks = result.landmarks
-    if len(landmarks.ids) == 0:
-        return Fault("nothing was mapped")
+        return f"the filter was lost in {health.lost:.0%} of its steps"
+    if len(result.landmarks.ids) == 0:
+        return "nothing was mapped"
     steps = result.steps
     unexplained = float(np.sum(steps.new_landmarks + steps.ignored)) / max(
         float(np.sum(steps.sightings)), 1.0
     )
     if unexplained > MOST_UNEXPLAINED:
-        return Fault(f"{unexplained:.0%} of the sightings show no landmark of the map")
-    missing = not_found_again(result)
-    if missing is not None:
-        return Fault(missing)
-    # Names keep two landmarks apart however near they are.
-    twice = (
-        doubled(result) if result.config["association"]["mode"] == "unknown" else np.zeros(0, dtype=np.bool_)
-    )
-    if len(twice) >= LEAST_LANDMARKS and np.mean(twice) > MOST_DOUBLED:
-        return Fault(
-            f"{int(twice.sum())} of {len(twice)} landmarks stand so near another one that the map seems "
-            "to be there twice"
-        )
-    return None
-
-
-def doubled(result: RunResult) -> Bools:
-    """Which of the landmarks that are believed (n,) stand within DOUBLED_STDS deviations of another one."""
-    landmarks, sensor = result.landmarks, result.config["sensor"]
-    believed = landmarks.sightings > 2
-    if landmarks.confirmed is not None:
-        believed &= landmarks.confirmed
-    mean = landmarks.mean_m[believed]
-    if len(mean) < 2:
-        return np.zeros(len(mean), dtype=np.bool_)
-    from scipy.spatial import cKDTree
-
-    # The nearest of all is the landmark itself, or one in the same place.
-    _, near = cKDTree(mean).query(mean, k=min(NEIGHBOURS + 1, len(mean)))
-    apart = mean[:, None] - mean[near]
-    covariance = landmarks.covariance_m2[believed]
-    both = covariance[:, None] + covariance[near] + sensor["range_std_m"] ** 2 * np.eye(2)
-    squared = np.einsum("ijk,ijkl,ijl->ij", apart, np.linalg.inv(both), apart)
-    squared[near == np.arange(len(mean))[:, None]] = np.inf
-    return np.asarray(squared.min(axis=1) < DOUBLED_STDS**2)
+        return f"{unexplained:.0%} of the sightings show no landmark of the map"
+    return not_found_again(result)

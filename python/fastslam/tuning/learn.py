@@ -49,11 +49,15 @@ LEAST_PER_TRACK = 3
 ITERATIONS = 18
 TAIL_FROM = 8
 ROBUST_TAIL = 4.0
-WIDER = 3.0
-"""So many times as wide as the noise that learning begins with is a noise that loops are closed under."""
+WIDER = (1.0, 2.0, 3.0)
+"""So many times as wide as what is wide for its kind is the noise of a sensor whose errors last, in turn."""
+WIDER_MOTION = 3.0
+"""So many times as wide as what learning begins with is the noise of a motion that loops are closed under."""
 NOISES = ("range_std_m", "bearing_std_rad")
 LARGEST_STEP = 0.5
 SETTLED = 0.02
+STRAIGHT = 0.1
+"""Steps within this share of a prior's deviation leave the derivatives of the motion as they are."""
 LEAST_GAIN = 0.25
 WITHIN_A_ROW = 0.3
 """A delay is told to this share of a row of odometry at best: a shift by half a row averages the noise of two
@@ -263,10 +267,11 @@ def _settled(
         newer = learned_noise(problem, rows, followed, noise, start) if shorter > 0.5 else noise
         change = np.abs(np.log(np.concatenate([newer.seen / noise.seen, newer.squares / noise.squares])))
         noise = replace(newer, tail=fitted_tail(rows, followed)) if iteration >= TAIL_FROM else newer
-        config, problem = _relinked(log, config, problem, stretch)
+        far = np.any(np.abs(problem.motion) > STRAIGHT * problem.prior_std[: len(problem.motion)])
+        config, problem = _relinked(log, config, problem, stretch, anew=bool(far))
         if iteration > TAIL_FROM + 2 and shorter == 1.0 and float(change.max()) < SETTLED:
             break
-    return config, problem, noise
+    return *_relinked(log, config, problem, stretch, anew=True), noise
 
 
 def problem_of(
@@ -298,16 +303,17 @@ def problem_of(
 
 
 def _relinked(
-    log: Log, config: Mapping[str, Any], problem: Problem, stretch: Stretch
+    log: Log, config: Mapping[str, Any], problem: Problem, stretch: Stretch, *, anew: bool
 ) -> tuple[Mapping[str, Any], Problem]:
-    """The odometry integrated anew under the motion parameters found so far."""
+    """The odometry integrated anew under the motion parameters found so far, its derivatives too or not."""
     known = motion_parameters(config["motion"])
     moved = [
         nested(one.key, value_of(config, one.key) + float(change))
         for one, change in zip(known, problem.motion, strict=True)
     ]
     config = merge(config, *moved)
-    tied = links(log.controls, config, stretch.stamp_s)
+    by_parameter = None if anew else problem.links.by_parameter
+    tied = links(log.controls, config, stretch.stamp_s, by_parameter)
     prior = problem.prior.copy()
     prior[: len(known)] -= problem.motion
     batch = replace(problem.batch, motion=tied.motion)
@@ -362,18 +368,24 @@ def reckoned(log: Log, config: Mapping[str, Any], stamp_s: Floats) -> Floats:
     return DeadReckoning(log.controls, config["motion"]).poses_at(stamp_s - config["sensor"]["delay_s"])
 
 
-def widened(learned: Learned, config: Mapping[str, Any], parts: tuple[Part, ...], start: Noise) -> Learned:
+def widened(
+    learned: Learned, config: Mapping[str, Any], parts: tuple[Part, ...], wide: tuple[Noise, float]
+) -> Learned:
     """The same systematic errors under a noise that is wide for its kind, whatever the residuals say.
 
+    `wide` is the noise that learning begins with, and how many times as wide that of the sensor is made.
     Errors that last longer than a track look like a place of what is tracked, and odometry that wanders over
     minutes runs true for seconds: what short tracks say of either is too narrow to close a loop by.
     """
-    squares = WIDER**2 * start.squares
+    start, wider = wide
+    squares = WIDER_MOTION**2 * start.squares
     found = {
         part.key: square if part.squared else np.sqrt(square)
         for part, square in zip(parts, squares, strict=True)
     }
-    found |= {f"sensor.{name}": np.sqrt(variance) for name, variance in zip(NOISES, start.seen, strict=True)}
+    found |= {
+        f"sensor.{name}": wider * np.sqrt(variance) for name, variance in zip(NOISES, start.seen, strict=True)
+    }
     short = {key: _short(value) for key, value in found.items()}
     kept = tuple(value for value in learned.values if value.key not in short)
     noises = tuple(Value(key, "", value_of(config, key), value) for key, value in short.items())

@@ -129,8 +129,10 @@ class Links:
     share: Floats
 
 
-def links(controls: Controls, config: Mapping[str, Any], stamp_s: Floats) -> Links:
-    """The links between the stamps of sightings under complete settings."""
+def links(
+    controls: Controls, config: Mapping[str, Any], stamp_s: Floats, by_parameter: Floats | None = None
+) -> Links:
+    """The links between the stamps of sightings under complete settings; `by_parameter` where it is known."""
     parts = noise_parts(controls, config["motion"])
     analysed: dict[float, Between] = {}
 
@@ -146,10 +148,12 @@ def links(controls: Controls, config: Mapping[str, Any], stamp_s: Floats) -> Lin
         same = settings["motion"] == config["motion"]
         return between(settings).motion(here_twists if same else arc_twists(controls, settings["motion"]))
 
-    columns = []
-    for known in motion_parameters(config["motion"]):
-        here = value_of(config, known.key)
-        up, down = (merge(config, nested(known.key, here + sign * known.step)) for sign in (1, -1))
-        columns.append((moved(up) - moved(down)) / (2 * known.step))
+    if by_parameter is None:
+        columns = []
+        for known in motion_parameters(config["motion"]):
+            here = value_of(config, known.key)
+            up, down = (merge(config, nested(known.key, here + sign * known.step)) for sign in (1, -1))
+            columns.append((moved(up) - moved(down)) / (2 * known.step))
+        by_parameter = np.stack(columns, axis=2)
     density = np.column_stack([part.density for part in parts])
-    return Links(moved(config), np.stack(columns, axis=2), between(config).gathered(density))
+    return Links(moved(config), by_parameter, between(config).gathered(density))

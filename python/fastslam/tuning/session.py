@@ -17,10 +17,11 @@ from ..result import RunResult
 from ..runner import configure, refuse_ranges_alone, run
 from ..settings import Layer
 from .begin import Beginning, Tried, beginning
-from .judge import evidence, fault_of
+from .judge import SOUND, Judgement, evidence, judged
 from .learn import (
     LEAST_PER_TRACK,
     SCALE,
+    WIDER,
     Learned,
     Stretch,
     Value,
@@ -45,7 +46,8 @@ LEAST_FOLLOWED = 0.5
 Park, 0.24 where bearings are random."""
 LEAST_NATS = 10.0
 """So many nats settings must gain on the sightings that judge, or the simpler ones are kept."""
-MOST_RUNS = 5
+MOST_RUNS = 7
+_NAMES = {1.0: "wide", 2.0: "wider", 3.0: "widest"}
 REPEATING = 1.5
 """From here on errors of neighbouring sightings are said to repeat."""
 
@@ -59,7 +61,19 @@ class Attempt:
     learned: Learned | None
     result: RunResult
     evidence: float
-    fault: str | None
+    judgement: Judgement
+    wider: float = 0.0
+    """So many times as wide as what is wide is the noise; 0 where it is stated or learned."""
+
+    @property
+    def fault(self) -> str | None:
+        """Why nothing is to be learned from this run."""
+        return self.judgement.fault
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether nothing speaks against the map of this run."""
+        return self.judgement.rank == SOUND
 
 
 @dataclass(frozen=True)
@@ -154,20 +168,18 @@ def searched(log: Log, config: Layer | None = None, *, progress: Progress | None
 
 
 def _search(session: _Session) -> Attempt:
-    """Runs as stated, as short tracks teach, with a wide noise, as the best map teaches: the best of them."""
+    """Runs as stated, as short tracks teach, with wide noise, as the best map teaches: the best of them."""
     session.attempt("as stated", {}, None)
     tracked = session.learned_from_tracks(session.begun())
     session.attempt("from short tracks", tracked.settings, tracked)
-    if tracked.correlation > REPEATING or _better(session.attempts).fault is not None:
-        wide = session.widened(tracked)
-        session.attempt("with wide noise", wide.settings, wide)
+    if tracked.correlation > REPEATING or not _better(session.attempts).is_sound:
+        _widen(session, tracked)
     best = _better(session.attempts)
-    while len(session.attempts) < MOST_RUNS and best.fault is None:
+    while len(session.attempts) < MOST_RUNS and (best.fault is None or best.wider):
         relearned = session.learned_from_map(best)
         if relearned is None:
             break
-        name = f"from the map of run {len(session.attempts)}"
-        latest = session.attempt(name, relearned.settings, relearned)
+        latest = session.attempt_again(best, relearned)
         if _better([best, latest]) is best:
             break
         best = latest
@@ -175,14 +187,28 @@ def _search(session: _Session) -> Attempt:
     return best
 
 
+def _widen(session: _Session, tracked: Learned) -> None:
+    """Runs under ever wider noise, until a wider one than that of a sound map is no better."""
+    for wider in WIDER:
+        latest = session.attempt_wide(f"with {_NAMES[wider]} noise", tracked, wider)
+        best = _better(session.attempts)
+        if best.is_sound and best is not latest:
+            break
+
+
 def _better(attempts: list[Attempt]) -> Attempt:
-    """The sound attempt with the highest evidence; an earlier one unless it loses LEAST_NATS."""
+    """The attempt against which least speaks, of several the simplest, of several the likeliest.
+
+    **Why:** evidence alone prefers a map that is there many times over: under noise that is too narrow for
+    errors which last, each copy explains the sightings of its time. An earlier attempt is kept unless it
+    loses LEAST_NATS.
+    """
     best = attempts[0]
     for other in attempts[1:]:
-        sounder = best.fault is not None and other.fault is None
-        if sounder or (
-            other.evidence > best.evidence + LEAST_NATS and (other.fault is None or best.fault is not None)
-        ):
+        sounder = other.judgement.rank - best.judgement.rank
+        simpler = other.judgement.is_simpler(best.judgement) - best.judgement.is_simpler(other.judgement)
+        likelier = other.evidence > best.evidence + LEAST_NATS
+        if (sounder, simpler, likelier) > (0, 0, False):
             best = other
     return best
 
@@ -198,9 +224,23 @@ class _Session:
         self._named = config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
         self.attempts: list[Attempt] = []
         self.hypotheses: tuple[Tried, ...] = ()
+        self._start: Noise | None = None
         wide = wide_noise(log, config)
         noise = {"range_std_m": float(wide[0]), "bearing_std_rad": float(wide[1])}
         self._common = merge(config, {"sensor": {**noise, "tail_degrees_of_freedom": None}})
+
+    def attempt_again(self, best: Attempt, relearned: Learned) -> Attempt:
+        """Runs the filter as the map of an attempt teaches: the errors alone where its noise was wide."""
+        name = f"from the map of run {[one is best for one in self.attempts].index(True) + 1}"
+        if best.wider:
+            return self.attempt_wide(f"{name}, {_NAMES[best.wider]} noise", relearned, best.wider)
+        return self.attempt(name, relearned.settings, relearned)
+
+    def attempt_wide(self, name: str, learned: Learned, wider: float) -> Attempt:
+        """Runs the filter with the systematic errors that were learned, under a wide noise."""
+        wide = self.widened(learned, wider)
+        self.attempts[-1] = replace(self.attempt(name, wide.settings, wide), wider=wider)
+        return self.attempts[-1]
 
     def attempt(self, name: str, settings: dict[str, Any], learned: Learned | None) -> Attempt:
         """Runs the filter with settings over those stated. An interrupted run counts if it is the first."""
@@ -212,10 +252,10 @@ class _Session:
         result = run(self.log, merge(self._layer, settings), progress=advance)
         if result.interrupted and self.attempts:
             raise KeyboardInterrupt
-        fault = fault_of(result)
         nats = evidence(result, self.until_s, self._common)
-        fault_message = None if fault is None else fault.message
-        self.attempts.append(Attempt(name, settings, learned, result, nats, fault_message))
+        self.attempts.append(
+            Attempt(name, settings, learned, result, nats, judged(result, self.log, self._common))
+        )
         if result.interrupted:
             raise KeyboardInterrupt
         return self.attempts[-1]
@@ -249,10 +289,12 @@ class _Session:
         parts = noise_parts(self.log.controls, self.config["motion"])
         return problem, start_noise(parts, problem.links, wide_noise(self.log, self.config))
 
-    def widened(self, tracked: Learned) -> Learned:
-        """What short tracks taught, under a wide noise."""
+    def widened(self, learned: Learned, wider: float) -> Learned:
+        """What was learned, under a wide noise."""
         parts = noise_parts(self.log.controls, self.config["motion"])
-        return widened(tracked, self.config, parts, self.problem_from_tracks()[1])
+        if self._start is None:
+            self._start = self.problem_from_tracks()[1]
+        return widened(learned, self.config, parts, (self._start, wider))
 
     def _tracked(self, config: Mapping[str, Any]) -> tuple[Stretch, tuple[Floats, Floats]]:
         seen, window = usable_sightings(self.log, self.until_s)
