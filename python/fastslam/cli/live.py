@@ -131,6 +131,11 @@ def live_stream(
             keep=not extend,
             scanner=None if scanner is None else Scanner.load(scanner),
         )
+        if map is not None and start is None and "initial_pose" not in merge(*layers):
+            said = (
+                "start: the origin of the map, since nothing says another; --start anywhere searches the map"
+            )
+            stderr().print(said, markup=False, highlight=False, soft_wrap=True)
     session = session_of(robot, rate_hz=rate_hz)
     if folder is not None:
         robot.keep_result()
