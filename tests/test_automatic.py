@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import yaml
 from cli_runner import fastslam as command
-from fastslam.automatic import is_learning_due, learned_first, unstated_noise
+from fastslam.automatic import is_learning_due, learned_first, sounder_than, unstated_noise
+from fastslam.datasets import write_native
 from fastslam.evaluation import evaluate
 from fastslam.log import Log
 from fastslam.simulation import resolve_simulation, simulate
@@ -115,3 +116,58 @@ def test_the_command_says_what_it_found_and_leaves_it(tmp_path: Path) -> None:
     plain = command("run", str(folder), "--no-auto", *given[:-1], str(tmp_path / "plain"))
     assert "not all of the noise" not in plain.stderr
     assert not (tmp_path / "plain" / "learned.json").exists()
+
+
+@pytest.fixture(scope="module")
+def doubling() -> Log:
+    """A log whose noise is stated, and whose odometry turns one and a half times as far as the robot."""
+    preset = resolve_simulation({"seed": 6, "max_duration_s": 60.0}, preset="demo")
+    log = simulate(preset)
+    seen = log.sightings
+    unnamed = replace(seen, identity=np.full(len(seen.stamp_s), -1, dtype=np.int64))
+    turning = log.controls.values / np.array([1.0, 0.65])
+    return replace(log, sightings=unnamed, controls=replace(log.controls, values=turning))
+
+
+def test_a_doubted_map_gives_way_to_a_sound_one_that_the_log_teaches(doubling: Log) -> None:
+    assert not is_learning_due(doubling, FEW)
+    plain = fastslam.run(doubling, FEW, auto=False)
+    assert len(plain.landmarks.ids) > 100 and plain.verdict
+    result = fastslam.run(doubling, FEW)
+    assert 57 <= len(result.landmarks.ids) <= 61 and not result.verdict
+    assert result.config["motion"]["correction"]["turn_gain"] == pytest.approx(0.65, abs=0.02)
+    assert result.warnings[0].startswith("with the settings as they are the map is doubted (")
+    assert "motion.correction.turn_gain 0.6" in result.warnings[0]
+
+
+def test_a_map_that_nothing_speaks_against_is_left_alone(doubling: Log) -> None:
+    right = replace(
+        doubling,
+        controls=replace(doubling.controls, values=doubling.controls.values * np.array([1.0, 0.65])),
+    )
+    result = fastslam.run(right, FEW)
+    assert sounder_than(result, right, FEW) is None
+    np.testing.assert_array_equal(
+        result.landmarks.mean_m, fastslam.run(right, FEW, auto=False).landmarks.mean_m
+    )
+
+
+def test_the_command_keeps_the_sound_map_and_says_why(doubling: Log, tmp_path: Path) -> None:
+    folder, out = tmp_path / "log", tmp_path / "out"
+    write_native(doubling, folder)
+    given = [
+        str(folder),
+        "--association",
+        "unknown",
+        "--particles",
+        "20",
+        "--no-report",
+        "--json",
+        "--out",
+        str(out),
+    ]
+    answer = command("run", *given)
+    assert answer.exit_code == 0
+    facts = json.loads(answer.stdout)
+    assert facts["verdict"] == [] and "turn_gain" in facts["warnings"][0]
+    assert json.loads((out / "learned.json").read_text())["settings"]

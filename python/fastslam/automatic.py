@@ -22,6 +22,7 @@ from .settings import Layer
 from .several import sensor_names
 from .timing import stage
 from .tuning import Tuning
+from .tuning.judge import SOUND, judged
 from .tuning.session import searched
 
 if TYPE_CHECKING:
@@ -68,12 +69,16 @@ def unstated_noise(log: Log, config: Layer | None = None) -> tuple[str, ...]:
 
 
 def is_learning_due(log: Log, config: Layer | None = None) -> bool:
-    """Whether a run of the command `fastslam run` begins with learning: `unstated_noise`, of a kind that
-    `tune` knows."""
+    """Whether a run begins with learning: `unstated_noise`, of a kind that `tune` knows."""
+    return is_learnable(log, config) and bool(unstated_noise(log, config))
+
+
+def is_learnable(log: Log, config: Layer | None = None) -> bool:
+    """Whether `tune` knows the algorithm and the sensor of a log."""
     complete = configure(log, config or {})
     if complete["algorithm"] == "ekf" or sensor_names(complete):
         return False
-    return complete["sensor"]["model"] == "range_bearing" and bool(unstated_noise(log, config))
+    return bool(complete["sensor"]["model"] == "range_bearing")
 
 
 def learned_first(log: Log, config: Layer | None = None, *, progress: Progress | None = None) -> Learning:
@@ -84,6 +89,26 @@ def learned_first(log: Log, config: Layer | None = None, *, progress: Progress |
     except DataError as error:
         reason = str(error).removeprefix(f"{log.source}: ")
         return Learning(None, reason.removeprefix("nothing can be learned from this log: "))
+
+
+def sounder_than(
+    result: RunResult, log: Log, config: Layer | None = None, *, progress: Progress | None = None
+) -> Tuning | None:
+    """What the log teaches where the map of its run is doubted, if that makes a sound one; else None.
+
+    For a log whose noise is stated: it stays as it is as long as nothing speaks against the map. `config`
+    are the settings of the run. Errors: `ConfigError` for them.
+    """
+    if not result.verdict or result.interrupted or not is_learnable(log, config):
+        return None
+    if judged(result, log, result.config).rank == SOUND:
+        return None
+    try:
+        with stage("tune"):
+            found = searched(log, config, progress=progress, stated=result)
+    except DataError:
+        return None
+    return found if found.best.is_sound and not found.interrupted else None
 
 
 def run(
@@ -113,6 +138,9 @@ def run(
     what was found. With `auto` True that is done in any case, with False never; by itself not with `map`,
     `sensor` or `checkpoints`, nor for EKF-SLAM, several sensors, or one without ranges or bearings.
 
+    Where all noise is stated, but the map of the run is doubted by its verdict, the same is tried afterwards,
+    and kept where it makes a map against which nothing speaks; a warning says so.
+
     What is stated of the rest is where the search begins, and gives way to what explains the log better. An
     interrupt while it learns ends it with the best run until then; with `map` or `start` it is raised.
 
@@ -141,7 +169,22 @@ def run(
         watch=watch,
         sensor=sensor,
     )
+    if auto is None and plain and start is None and watch is None:
+        sounder = sounder_than(result, log, layer, progress=progress)
+        if sounder is not None:
+            return with_word(sounder, result)
     return replace(result, warnings=(*warnings, *result.warnings))
+
+
+def with_word(sounder: Tuning, result: RunResult) -> RunResult:
+    """The run of `sounder_than`, with a warning on the one that gave way to it."""
+    errors = (value for value in sounder.values if value.significant and value.standard_error >= 0)
+    told = [f"{value.key} {value.value:.3g}" for value in errors if value.value != value.stated]
+    word = (
+        f"with the settings as they are the map is doubted ({result.verdict[0].split(':')[0]}): kept is a "
+        f"run with what the log itself says, against which nothing speaks: {', '.join([*told, 'noise'])}"
+    )
+    return replace(sounder.result, warnings=(word, *sounder.result.warnings))
 
 
 def _states_noise(section: Mapping[str, Any]) -> bool:

@@ -34,7 +34,7 @@ from .options import (
 from .output import LogReference, metrics_table, summary_table, write_log_reference
 from .space import SpaceRequest, format_in_space, refuse, run_in_space
 from .times import times_shown
-from .tune import learned_into
+from .tune import learned_into, sounder_into
 from .watch import DEFAULT_PORT, Watching, WatchPort, watched
 
 if TYPE_CHECKING:
@@ -138,8 +138,9 @@ def run_log(
     A run that comes to its end has exit code 0, also where its verdict (printed, and in --json) says that it
     is not to be believed; with --strict the code is 1 then. A run that mapped nothing has 1 always.
     Where neither the log nor the settings state the noise of the robot or the sensor it tunes first, as
-    `fastslam tune` does, and leaves what was learned in `learned.json`: --auto always, --no-auto never, and
-    not by itself with --checkpoint-every or --resume. Stopped while it tunes, it leaves the best run so far.
+    `fastslam tune` does, and leaves what was learned in `learned.json`; where they do it tunes afterwards if
+    the map is doubted, and keeps what makes a sound one. --auto tunes always, --no-auto never; by itself it
+    does not with --checkpoint-every, --resume, --runs or --watch. Stopped meanwhile, it leaves the best run.
     With --checkpoint-every the same command and --resume goes on from there, to the same bits.
     --watch serves a page on this machine that draws the run and can hold it.
 
@@ -209,7 +210,10 @@ def run_log(
         with watched(log.name, configuration, port=port, kind="run") as watcher:
             by_need = best_of is None and runs == 1 and checkpoints is None
             if by_need or (best_of or 1) > 1:
-                finished = run_tries(log, configuration, results, tries=best_of, watch=watcher)
+                doubting = by_need and auto is None and learning is None and watcher is None
+                finished = run_tries(
+                    log, configuration, results, tries=best_of, watch=watcher, doubting=doubting
+                )
             else:
                 finished = run_all(
                     log, configuration, results, runs=runs, checkpoints=checkpoints, watch=watcher
@@ -348,14 +352,25 @@ def run_all(
 
 
 def run_tries(
-    log: Log, config: Config, results: Results, *, tries: int | None, watch: Watch | None = None
+    log: Log,
+    config: Config,
+    results: Results,
+    *,
+    tries: int | None,
+    watch: Watch | None = None,
+    doubting: bool = False,
 ) -> Finished:
-    """Runs with so many seeds from the configured one on, or as many as it takes, and writes what is kept."""
+    """Runs with so many seeds from the configured one on, or as many as it takes, and writes what is kept.
+
+    With `doubting` a run whose map is doubted gives way to a sounder one that the log teaches.
+    """
     from ..opinion import best_of, run_by_need
 
     with progress_bar(log.name) as advance:
         if tries is None:
             kept = run_by_need(log, config, progress=advance, watch=watch)
+            if doubting:
+                kept = sounder_into(results.folder, kept, log, config, progress=advance)
         else:
             seeds = range(config["seed"], config["seed"] + tries)
             kept = best_of(log, config, seeds=seeds, progress=advance, watch=watch)

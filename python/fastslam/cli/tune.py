@@ -15,7 +15,10 @@ from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Seed, Settin
 
 if TYPE_CHECKING:
     from ..automatic import Learning
+    from ..config import Config
     from ..log import Log
+    from ..result import RunResult
+    from ..runner import Progress
     from ..settings import Layer
     from ..tuning import Tuning
     from ..tuning.learn import Value
@@ -96,6 +99,20 @@ def learned_into(
     elif not quiet:
         stderr().print(f"note: {_in_short(found)}", markup=False, highlight=False, soft_wrap=True)
     return learning
+
+
+def sounder_into(
+    folder: Path, result: RunResult, log: Log, config: Config, *, progress: Progress
+) -> RunResult:
+    """The run, or where its map is doubted a sounder one; what the log taught it is left in a folder."""
+    from ..automatic import sounder_than, with_word
+    from ..resultfiles import to_json, write_atomically
+
+    found = sounder_than(result, log, config, progress=progress)
+    if found is None:
+        return result
+    write_atomically(folder / LEARNED_FILE, to_json(facts_of(found)))
+    return with_word(found, result)
 
 
 def _in_short(found: Tuning) -> str:

@@ -138,11 +138,17 @@ def tune(log: Log, config: Layer | None = None, *, progress: Progress | None = N
     return found
 
 
-def searched(log: Log, config: Layer | None = None, *, progress: Progress | None = None) -> Tuning:
+def searched(
+    log: Log,
+    config: Layer | None = None,
+    *,
+    progress: Progress | None = None,
+    stated: RunResult | None = None,
+) -> Tuning:
     """As `tune`, but the best of all runs is the answer where none is sound; `best.fault` says why not.
 
-    A KeyboardInterrupt ends the search with the best run until then, be it half a one, and is raised where
-    there is none yet.
+    `stated` is the run with the settings stated, where it is there already. A KeyboardInterrupt ends the
+    search with the best run until then, be it half a one, and is raised where there is none yet.
     """
     log = with_sightings(log, config)
     configuration = configure(log, config or {})
@@ -150,7 +156,7 @@ def searched(log: Log, config: Layer | None = None, *, progress: Progress | None
     session = _Session(log, configuration, config or {}, progress)
     interrupted = False
     try:
-        best = _search(session)
+        best = _search(session, stated)
     except KeyboardInterrupt:
         if not session.attempts:
             raise
@@ -167,9 +173,9 @@ def searched(log: Log, config: Layer | None = None, *, progress: Progress | None
     )
 
 
-def _search(session: _Session) -> Attempt:
+def _search(session: _Session, stated: RunResult | None) -> Attempt:
     """Runs as stated, as short tracks teach, with wide noise, as the best map teaches: the best of them."""
-    session.attempt("as stated", {}, None)
+    session.attempt("as stated", {}, None, made=stated)
     tracked = session.learned_from_tracks(session.begun())
     session.attempt("from short tracks", tracked.settings, tracked)
     if tracked.correlation > REPEATING or not _better(session.attempts).is_sound:
@@ -242,14 +248,24 @@ class _Session:
         self.attempts[-1] = replace(self.attempt(name, wide.settings, wide), wider=wider)
         return self.attempts[-1]
 
-    def attempt(self, name: str, settings: dict[str, Any], learned: Learned | None) -> Attempt:
-        """Runs the filter with settings over those stated. An interrupted run counts if it is the first."""
+    def attempt(
+        self,
+        name: str,
+        settings: dict[str, Any],
+        learned: Learned | None,
+        *,
+        made: RunResult | None = None,
+    ) -> Attempt:
+        """Runs the filter with settings over those stated, unless that run was `made`.
+
+        An interrupted run counts if it is the first.
+        """
 
         def advance(done: int, total: int, number: int = len(self.attempts)) -> None:
             if self._progress is not None:
                 self._progress(number * total + done, MOST_RUNS * total)
 
-        result = run(self.log, merge(self._layer, settings), progress=advance)
+        result = made or run(self.log, merge(self._layer, settings), progress=advance)
         if result.interrupted and self.attempts:
             raise KeyboardInterrupt
         nats = evidence(result, self.until_s, self._common)
