@@ -66,7 +66,14 @@ impl Box2 {
         (0..2).all(|axis| self.low[axis] <= other.low[axis] && other.high[axis] <= self.high[axis])
     }
 
-    fn size(&self) -> f64 {
+    /// By how much two boxes are apart along an axis, at most; infinitely far if one has no points.
+    pub fn gap(&self, other: &Self) -> f64 {
+        let gap = |axis: usize| (self.low[axis] - other.high[axis]).max(other.low[axis] - self.high[axis]);
+        gap(0).max(gap(1))
+    }
+
+    /// The longer side.
+    pub fn size(&self) -> f64 {
         (self.high[0] - self.low[0]).max(self.high[1] - self.low[1])
     }
 }
@@ -154,6 +161,11 @@ impl Grid {
             }
             None => self.large.push(slot),
         }
+    }
+
+    /// The box of a landmark as it was entered; that without points where it was not.
+    pub fn area(&self, slot: u32) -> Box2 {
+        self.entered.get(slot as usize).copied().unwrap_or(Box2::EMPTY)
     }
 
     /// Takes a landmark out.

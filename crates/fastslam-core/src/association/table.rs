@@ -35,7 +35,7 @@ pub struct CandidateTable {
     pub slots: Vec<u32>,
     /// Candidates of each sighting: indices into `slots`, ascending.
     pub of_sighting: Vec<Vec<u32>>,
-    /// Rows of candidate c: `columns` columns of `particles` numbers each.
+    /// Rows of candidate c: `columns` columns of `particles` numbers each. Beyond the candidates there is anything.
     pub values: Vec<f64>,
     /// Particles.
     pub particles: usize,
@@ -51,7 +51,6 @@ impl CandidateTable {
     /// Empties the table, for so many sightings.
     pub fn clear(&mut self, sightings: usize) {
         self.slots.clear();
-        self.values.clear();
         while self.of_sighting.len() > sightings {
             self.spare.extend(self.of_sighting.pop());
         }

@@ -88,6 +88,7 @@ fn find_candidates<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut W
     let extent = Extent::of(beliefs, setup.models.T_robot_sensor);
     table.clear(scan.len());
     (table.particles, table.columns) = (state.particles.len(), landmarks.columns());
+    let size = table.particles * table.columns;
     slots.clear();
     for (sighting, found) in scan.iter().zip(&mut table.of_sighting) {
         let reach = [setup.settings.gate_radius, setup.models.lever_arm_m];
@@ -107,7 +108,10 @@ fn find_candidates<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut W
             landmarks.remove(slot);
             continue;
         }
-        landmarks.append_rows(slot, &mut table.values);
+        // What stands there from the scan before is written over: zeros would be written for nothing.
+        let begin = table.slots.len() * size;
+        table.values.resize(table.values.len().max(begin + size), 0.0);
+        landmarks.copy_rows(slot, &mut table.values[begin..][..size]);
         table.slots.push(slot);
     }
     table.number_candidates();
@@ -176,15 +180,21 @@ fn gather_evidence(
     settings: &Settings,
     landmarks: &mut Landmarks,
     scan: &[ScanSighting],
-    Associating { table, fits, .. }: &mut Associating,
+    Associating { table, fits, odds, .. }: &mut Associating,
 ) {
     fits.evidence.clear();
     if landmarks.appearances.is_none() && settings.config.association.detection_of_all_in_view().is_none() {
         return;
     }
+    let n = table.particles;
+    odds.clear();
+    odds.resize(table.slots.len() * n, 0.0);
+    for (slot, odds) in table.slots.iter().zip(odds.chunks_exact_mut(n)) {
+        add_detection_odds(settings, landmarks, *slot, odds);
+    }
     fits.evidence.gather(table, |j, candidate, evidence| {
         let slot = table.slots[candidate as usize];
-        add_detection_odds(settings, landmarks, slot, evidence);
+        evidence.copy_from_slice(&odds[candidate as usize * n..][..n]);
         if let Some(appearances) = &mut landmarks.appearances {
             appearances.add_evidence(slot, scan[j].appearance, evidence);
         }

@@ -97,10 +97,9 @@ fn prepare<M>(setup: &Setup<M>, particles: usize, work: &mut Work) {
     let Correcting { births, founded, sighting_densities, .. } = &mut work.correcting;
     births.clear();
     founded.clear();
-    sighting_densities.clear();
-    if setup.settings.config.association.existence.form == ExistenceForm::Bayes {
-        sighting_densities.resize(work.associating.table.slots.len() * particles, 0.0);
-    }
+    // Only what is noted of a scan is looked at: what is left of the one before does no harm.
+    let is_wanted = setup.settings.config.association.existence.form == ExistenceForm::Bayes;
+    sighting_densities.resize(if is_wanted { work.associating.table.slots.len() * particles } else { 0 }, 0.0);
 }
 
 /// Marks the particles that decided so; whether there are any.
@@ -183,8 +182,8 @@ impl<M: Placing> Corrector<'_, M> {
     /// Adds the log-likelihoods of a sighting of a landmark that stays as it is.
     fn weigh_fixed(&mut self, slot: u32, sighting: &ScanSighting, mask: Option<&[bool]>) {
         let Self { setup, maps, sensor_poses, rows, log_likelihood } = self;
-        rows.clear();
-        maps.landmarks.append_rows(slot, rows);
+        rows.resize(sensor_poses.x.len() * maps.landmarks.columns(), 0.0);
+        maps.landmarks.copy_rows(slot, rows);
         let (model, poses) = (&setup.models.measurement, *sensor_poses);
         let correction = Correction { model, poses, measured: sighting.measured, mask };
         // Only the likelihoods count; the corrected rows are dropped.

@@ -81,8 +81,8 @@ pub(super) fn judge(
 ) -> u32 {
     let odds = Odds::of(settings);
     let view = View::of(settings);
-    list_in_reach(&view, &mut maps, claims, &correcting.sensor_poses, &mut judging.in_reach);
     note_sighted(claims, maps.particles.len(), &mut judging.sighted);
+    list_in_reach(&view, &mut maps, claims, &correcting.sensor_poses, judging);
     judging.verdicts.judged.resize(maps.particles.len(), false);
     let mut removed = 0;
     for place in 0..judging.in_reach.len() {
@@ -105,17 +105,19 @@ pub(super) fn judge(
     removed
 }
 
-/// Lists the landmarks that some sensor may see for sure, and the candidates of the scan, in the order of birth.
+/// Lists the landmarks that some sensor may see for sure, and those that some particle sighted, in the order of birth.
 fn list_in_reach(
     view: &View,
     maps: &mut Maps<'_>,
     claims: Claims<'_>,
     sensor_poses: &SensorPoses,
-    in_reach: &mut Vec<u32>,
+    Judging { in_reach, sighted, .. }: &mut Judging,
 ) {
+    let particles = maps.particles.len();
     in_reach.clear();
-    maps.landmarks.find(&view.region(maps.particles.len(), sensor_poses), in_reach);
-    in_reach.extend_from_slice(&claims.table.slots);
+    maps.landmarks.find(&view.region(particles, sensor_poses), in_reach);
+    let sighted = claims.table.slots.iter().zip(sighted.chunks_exact(particles));
+    in_reach.extend(sighted.filter(|(_, sighted)| sighted.contains(&true)).map(|(slot, _)| *slot));
     in_reach.sort_unstable_by_key(|slot| maps.landmarks.birth(*slot));
     in_reach.dedup();
 }
@@ -170,11 +172,17 @@ impl View {
 
     /// A box around everything that any particle's sensor can see for sure.
     fn region(&self, particles: usize, sensor_poses: &SensorPoses) -> Box2 {
-        let mut region = Box2::EMPTY;
-        for i in 0..particles {
-            region.include([sensor_poses.x[i], sensor_poses.y[i]], self.far_m);
-        }
-        region
+        let (x, y, far_m) = (&sensor_poses.x[..particles], &sensor_poses.y[..particles], self.far_m);
+        vectorized(
+            #[inline(always)]
+            || {
+                Box2::around(
+                    particles,
+                    #[inline(always)]
+                    |i| ([x[i] - far_m, y[i] - far_m], [x[i] + far_m, y[i] + far_m]),
+                )
+            },
+        )
     }
 
     /// In which maps a landmark is in view.
@@ -281,6 +289,48 @@ impl Odds {
         );
     }
 
+    /// Gives a landmark the odds that it has after the scan, in the maps that are judged; `news` says which sighted it,
+    /// with the log-likelihoods of that, where any did.
+    fn settle(
+        self,
+        [present, log_odds]: [&mut [f64]; EXISTENCE_COLUMNS],
+        judged: &[bool],
+        news: Option<(&[bool], &[f64])>,
+        dead: &mut [bool],
+    ) {
+        let n = judged.len();
+        vectorized(
+            #[inline(always)]
+            move || {
+                let (judged, dead) = (&judged[..n], &mut dead[..n]);
+                let (present, log_odds) = (&mut present[..n], &mut log_odds[..n]);
+                if let Some((sighted, densities)) = news {
+                    let (sighted, densities) = (&sighted[..n], &densities[..n]);
+                    for i in 0..n {
+                        let after = self.after(sighted[i], densities[i], log_odds[i]);
+                        dead[i] = self.enter(after, judged[i], &mut present[i], &mut log_odds[i]);
+                    }
+                } else {
+                    for i in 0..n {
+                        let after = self.after(false, 0.0, log_odds[i]);
+                        dead[i] = self.enter(after, judged[i], &mut present[i], &mut log_odds[i]);
+                    }
+                }
+            },
+        );
+    }
+
+    /// Enters the odds after the scan in one map; whether the landmark is removed from it.
+    #[inline(always)]
+    fn enter(&self, after: f64, judged: bool, present: &mut f64, log_odds: &mut f64) -> bool {
+        let counts = judged & (*present != 0.0);
+        let gone = counts & self.removes & (after < self.lowest_log_odds);
+        let kept = if counts { after } else { *log_odds };
+        *log_odds = if gone { 0.0 } else { kept };
+        *present = if gone { 0.0 } else { *present };
+        gone
+    }
+
     /// Counts one scan for a landmark in every map and removes it from those in which it no longer exists. Returns
     /// whether the best particle lost it.
     fn count(&self, maps: &mut Maps<'_>, slot: u32, judging: &mut Judging) -> u32 {
@@ -290,26 +340,15 @@ impl Odds {
         let Some(existence) = &mut maps.landmarks.existence else { return 0 };
         existence.update(slot, Some(judged), &mut |rows| {
             let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>().map(|column| &mut column[..n]);
-            let (judged, sighted, densities, dead) = (&judged[..n], &sighted[..n], &densities[..n], &mut dead[..n]);
+            let (judged, dead) = (&judged[..n], &mut dead[..n]);
             self.weigh(maps.particles, log_odds, |i| judged[i] & (present[i] != 0.0));
-            vectorized(
-                #[inline(always)]
-                move || {
-                    for i in 0..n {
-                        let counts = judged[i] & (present[i] != 0.0);
-                        let after = odds.after(sighted[i], densities[i], log_odds[i]);
-                        let gone = counts & odds.removes & (after < odds.lowest_log_odds);
-                        let kept = if counts { after } else { log_odds[i] };
-                        log_odds[i] = if gone { 0.0 } else { kept };
-                        present[i] = if gone { 0.0 } else { present[i] };
-                        dead[i] = gone;
-                    }
-                },
-            );
+            let news = sighted.contains(&true).then_some((&sighted[..n], &densities[..n]));
+            odds.settle([present, log_odds], judged, news, dead);
         });
-        if dead.contains(&true) {
-            maps.lose(slot, dead);
+        if !dead.contains(&true) {
+            return 0;
         }
+        maps.lose(slot, dead);
         u32::from(dead[maps.particles.best()])
     }
 }

@@ -210,9 +210,9 @@ impl<const D: usize> Landmarks<D> {
         self.store.read(slot)
     }
 
-    /// Appends the rows of a landmark in particle order, column after column.
-    pub fn append_rows(&mut self, slot: u32, out: &mut Vec<f64>) {
-        self.store.append_rows(slot, out);
+    /// Copies the rows of a landmark in particle order, column after column.
+    pub fn copy_rows(&mut self, slot: u32, out: &mut [f64]) {
+        self.store.copy_rows(slot, out);
     }
 
     /// One particle's landmark as this kind of Gaussian, and how often it was seen; `None` where it holds none.
@@ -259,6 +259,18 @@ impl<const D: usize> Landmarks<D> {
         let Self { store, grid, gate_radius, .. } = self;
         let rows = store.read(slot);
         place(grid, slot, rows.column(Columns::<D>::SIGHTINGS), &position::<D>(&rows), *gate_radius);
+    }
+
+    /// Whether the means of two landmarks lie in any maps within `gate` standard deviations of their difference, to which
+    /// `tolerance` is added. Also true of some that do not.
+    ///
+    /// **Why it is enough:** a standard deviation of one map is at most half a box over the gate that it was widened by;
+    /// one of the mean over the maps is wider by no more than the maps are apart.
+    pub fn may_touch(&self, [a, b]: [u32; 2], gate: f64, tolerance: f64) -> bool {
+        let Some(grid) = &self.grid else { return true };
+        let (a, b) = (grid.area(a), grid.area(b));
+        let std = |area: &Box2| area.size() * (0.5 / self.gate_radius + std::f64::consts::SQRT_2);
+        a.gap(&b) <= gate * (std(&a) + std(&b) + tolerance)
     }
 
     /// Appends the landmarks that may lie in a region, in no particular order.
@@ -388,8 +400,53 @@ mod tests {
     use crate::landmark::{Seen, SensorPoses};
     use crate::measurement::MeasurementModel;
     use crate::normal::{Cholesky, Normal};
+    use crate::random::{Purpose, RandomSource};
     use crate::store::StoreKind;
     use crate::testing::tests::Point;
+
+    #[test]
+    fn what_may_be_one_is_not_passed_over_and_what_is_far_away_is() {
+        let (maps, gate, tolerance) = (8, 2.45, 0.2);
+        let mut config = Config::default();
+        config.filter.particles = maps as u32;
+        let mut landmarks = Landmarks::<2>::new(&config, Identities::None, 1.0, 3.0);
+        let stream = RandomSource::new(5).stream(Purpose::Motion, 0);
+        let (mut near, mut passed_over) = (0, 0);
+        for case in 0..2000 {
+            let uniform = |draw: u32| stream.uniform(case, draw);
+            let (std_m, apart_m) = (0.02 + uniform(0), 100.0 * uniform(1) * uniform(1));
+            let own = |k: u32| {
+                let mut rows = vec![0.0; maps * landmarks.columns()];
+                for i in 0..maps {
+                    let draw = 2 + 64 * k + 8 * i as u32;
+                    // Some maps lack it.
+                    let count = if uniform(draw) < 0.2 { 0.0 } else { 1.0 };
+                    let mean = [f64::from(k) * apart_m + uniform(draw + 1) - 0.5, uniform(draw + 2) - 0.5];
+                    let variance = (std_m * uniform(draw + 3)).powi(2);
+                    let numbers = [1.0, mean[0], mean[1], variance, 0.0, variance];
+                    (0..6).for_each(|column| rows[column * maps + i] = count * numbers[column]);
+                }
+                rows
+            };
+            let rows = [own(0), own(1)];
+            let slots = rows.each_ref().map(|rows| landmarks.insert(None, rows, 0.0));
+            let of = |k: usize, i: usize| Planar::gaussian_in::<Gaussian>(&Rows::new(&rows[k], maps), i);
+            let held: Vec<Gaussian> = (0..maps).filter_map(|i| of(0, i)).collect();
+            let share = 1.0 / held.len() as f64;
+            let mean = [0, 1].map(|axis| held.iter().map(|l| share * l.mean[axis]).sum::<f64>());
+            let average = Gaussian::mixture_about(mean, held.iter().map(|l| (share, *l)));
+            let is_near = (0..maps).any(|i| {
+                let (a, b) = (of(0, i).unwrap_or(average), of(1, i));
+                b.is_some_and(|b| a.distance_squared(&b, tolerance * tolerance) <= gate * gate)
+            });
+            let may = landmarks.may_touch(slots, gate, tolerance);
+            assert!(may || !is_near, "case {case}");
+            near += u32::from(is_near);
+            passed_over += u32::from(!may);
+            slots.into_iter().for_each(|slot| landmarks.remove(slot));
+        }
+        assert!(near > 100 && passed_over > 100, "{near} {passed_over}");
+    }
 
     #[test]
     fn a_name_that_came_later_counts_in_the_maps_that_have_it() {

@@ -94,6 +94,10 @@ impl<'a> Unions<'a> {
     /// Merges a landmark into an older one wherever both mean one thing; returns whether the best particle held both.
     fn merge(&mut self, older: u32, younger: u32) -> u32 {
         let landmarks = &mut *self.maps.landmarks;
+        let gate = chi_squared_2(self.settings.gate_probability).sqrt();
+        if !landmarks.may_touch([older, younger], gate, self.settings.tolerance_std_m) {
+            return 0;
+        }
         let births = [older, younger].map(|slot| landmarks.birth(slot));
         // Two of a given map are two.
         if self.maps.given.of(births[1]).is_some() {

@@ -103,6 +103,8 @@ pub(super) struct Associating {
     pub doubtful: Vec<Vec<u32>>,
     /// How well the candidates fit.
     pub fits: FitTable,
+    /// Odds that they are sighted, as logarithms: one number per particle, for each in turn.
+    pub odds: Vec<f64>,
     pub deciding: PerThread<(fast::Workspace, Scratch)>,
     /// What each particle decided about the scan, an equal share each.
     pub decisions: Vec<Decision>,

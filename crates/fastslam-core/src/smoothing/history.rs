@@ -111,10 +111,18 @@ impl History {
         let (first_sighting, count) = self.remember(scan);
         self.known.clear();
         let mut chosen = std::mem::take(&mut self.chosen);
+        let mut latest: Option<(u32, u32)> = None;
         for particle in 0..self.tips.len() {
             chosen.clear();
             chosen.extend((0..count as usize).map(|j| choice_of(particle, j)));
-            self.tips[particle] = self.explanation(self.tips[particle], first_sighting, &chosen);
+            let previous = self.tips[particle];
+            // Neighbours of one past mostly decide alike.
+            let new = match latest {
+                Some((of, new)) if of == previous && *self.choices_in(new) == *chosen => new,
+                _ => self.explanation(previous, first_sighting, &chosen),
+            };
+            latest = Some((previous, new));
+            self.tips[particle] = new;
         }
         self.chosen = chosen;
     }
@@ -125,8 +133,7 @@ impl History {
         (previous, choices).hash(&mut hasher);
         let mut hash = hasher.finish();
         while let Some(&known) = self.known.get(&hash) {
-            let Explanation { previous: of, first_choice, count, .. } = self.explanations[known as usize];
-            if of == previous && self.choices[first_choice as usize..(first_choice + count) as usize] == *choices {
+            if self.explanations[known as usize].previous == previous && self.choices_in(known) == choices {
                 return known;
             }
             hash = hash.wrapping_add(1);
@@ -134,6 +141,12 @@ impl History {
         let new = self.explain(previous, first_sighting, choices);
         self.known.insert(hash, new);
         new
+    }
+
+    /// What an explanation takes the sightings of its scan for.
+    fn choices_in(&self, explanation: u32) -> &[u32] {
+        let Explanation { first_choice, count, .. } = self.explanations[explanation as usize];
+        &self.choices[first_choice as usize..(first_choice + count) as usize]
     }
 
     /// Forgets explanations from which no particle descends, once there are twice as many as were left the last time.

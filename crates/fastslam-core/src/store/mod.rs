@@ -128,9 +128,9 @@ pub trait LandmarkStore: Send + Sync {
     /// The rows of a landmark. All are absent when the slot is empty.
     fn read(&mut self, slot: u32) -> Rows<'_>;
 
-    /// Appends the rows of a landmark in particle order, column after column. All are absent when the slot is empty.
-    fn append_rows(&mut self, slot: u32, out: &mut Vec<f64>) {
-        out.extend_from_slice(self.read(slot).values);
+    /// Copies the rows of a landmark in particle order, column after column. All are absent when the slot is empty.
+    fn copy_rows(&mut self, slot: u32, out: &mut [f64]) {
+        out.copy_from_slice(self.read(slot).values);
     }
 
     /// The numbers of one particle's landmark; false when it is absent.

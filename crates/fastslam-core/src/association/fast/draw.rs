@@ -26,6 +26,20 @@ impl<M: Placing> Block<'_, '_, M> {
         self.write_down(rank, order, decisions);
     }
 
+    /// How likely the first sighting of each particle is as one of each of its candidates, as all were compared before.
+    #[inline(always)]
+    fn recall(&mut self, most: usize) {
+        let Workspace { drawn, order, candidates, fits, pairs, first_pair, .. } = &mut *self.workspace;
+        for (i, &j) in order[0][..self.count].iter().enumerate() {
+            let range = first_pair[j as usize] as usize..first_pair[j as usize + 1] as usize;
+            for (place, weights) in drawn.weights[..most].iter_mut().enumerate() {
+                let pair = range.start + place;
+                let is_there = pair < range.end && candidates[pairs[pair] as usize].presence[i] != 0.0;
+                weights[i] = if is_there { fits[pair][0][i] } else { ABSENT };
+            }
+        }
+    }
+
     /// How likely the sighting that is next is as one of each of its candidates.
     #[inline(always)]
     fn weigh(&mut self, rank: usize, order: Order) {
@@ -49,18 +63,32 @@ impl<M: Placing> Block<'_, '_, M> {
                 for (place, pair) in range.enumerate() {
                     self.set_evidence(pair);
                     let Workspace { lanes, drawn, candidates, pairs, .. } = &mut *self.workspace;
-                    lanes.judge(width, &sight, &candidates[pairs[pair] as usize], &mut drawn.weights[place]);
+                    let (candidate, weights) = (&candidates[pairs[pair] as usize], &mut drawn.weights[place]);
+                    if candidate.is_held {
+                        lanes.judge(width, &sight, candidate, weights);
+                    } else {
+                        *weights = [ABSENT; BLOCK];
+                    }
                 }
             }
-            Order::Own => {
-                let most = self.gather_measured(rank);
-                self.workspace.drawn.weights.resize(most, ZERO);
-                for place in 0..most {
-                    self.gather_candidates(rank, place);
-                    let Workspace { lanes, drawn, gathered, .. } = &mut *self.workspace;
-                    lanes.judge(width, &sight, gathered, &mut drawn.weights[place]);
-                }
-            }
+            Order::Own => self.weigh_own(rank),
+        }
+    }
+
+    /// [`Self::weigh`] where each particle decides about another sighting.
+    #[inline(always)]
+    fn weigh_own(&mut self, rank: usize) {
+        let (width, sight) = (self.width(), self.sight());
+        let most = self.gather_measured(rank);
+        self.workspace.drawn.weights.resize(most, ZERO);
+        // Nothing has refined the beliefs yet with which the sightings were put in order.
+        if rank == 0 {
+            return self.recall(most);
+        }
+        for place in 0..most {
+            self.gather_candidates(rank, place);
+            let Workspace { lanes, drawn, gathered, .. } = &mut *self.workspace;
+            lanes.judge(width, &sight, gathered, &mut drawn.weights[place]);
         }
     }
 }

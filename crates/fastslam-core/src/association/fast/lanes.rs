@@ -195,13 +195,15 @@ pub(super) struct Sight<'a, M> {
 pub(super) struct Candidate {
     /// Zero where there is none, or a sighting has taken it.
     pub(super) presence: Column,
+    /// Whether any map has it; those that none has need no arithmetic.
+    pub(super) is_held: bool,
     /// Mean x, y, then the covariance's xx, xy, yy.
     pub(super) gaussian: [Column; 5],
 }
 
 impl Default for Candidate {
     fn default() -> Self {
-        Self { presence: ZERO, gaussian: [ZERO; 5] }
+        Self { presence: ZERO, is_held: false, gaussian: [ZERO; 5] }
     }
 }
 

@@ -171,6 +171,7 @@ impl<'b, M: Placing> Block<'_, 'b, M> {
             let rows = table.rows(number);
             let mine = |index: usize| &rows.column(index)[first..][..count];
             candidate.presence[..count].copy_from_slice(mine(column::SIGHTINGS));
+            candidate.is_held = candidate.presence[..count].iter().any(|presence| *presence != 0.0);
             for (column, index) in candidate.gaussian.iter_mut().zip(column::MEAN_X..) {
                 column[..count].copy_from_slice(mine(index));
             }
@@ -211,6 +212,9 @@ impl<'b, M: Placing> Block<'_, 'b, M> {
             let measured = Measured { tail, ..sighting.measured };
             for (candidate, fit) in pairs[range.clone()].iter().zip(&mut fits[range]) {
                 let candidate = &candidates[*candidate as usize];
+                if !candidate.is_held {
+                    continue;
+                }
                 if certain {
                     lanes.compare_certain(width, *model, &measured, candidate, fit);
                 } else {
@@ -294,7 +298,10 @@ impl<'b, M: Placing> Block<'_, 'b, M> {
                 for (place, pair) in range.enumerate() {
                     self.set_evidence(pair);
                     let Workspace { lanes, best, candidates, pairs, .. } = &mut *self.workspace;
-                    lanes.consider(width, &sight, place, &candidates[pairs[pair] as usize], best);
+                    let candidate = &candidates[pairs[pair] as usize];
+                    if candidate.is_held {
+                        lanes.consider(width, &sight, place, candidate, best);
+                    }
                 }
             }
             Order::Own => {

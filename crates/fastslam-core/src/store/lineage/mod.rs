@@ -199,7 +199,8 @@ impl LineageStore {
             self.discard(slot);
         } else if absent > 0 {
             for column in others.chunks_exact_mut(rows) {
-                column.iter_mut().zip(&*presence).filter(|(_, p)| **p == 0.0).for_each(|(value, _)| *value = 0.0);
+                // A selection, not a branch: vector code.
+                column.iter_mut().zip(&*presence).for_each(|(v, p)| *v = if *p == 0.0 { 0.0 } else { *v });
             }
         }
     }
@@ -379,17 +380,16 @@ impl LandmarkStore for LineageStore {
         Rows::new(&self.scratch, particles)
     }
 
-    fn append_rows(&mut self, slot: u32, out: &mut Vec<f64>) {
+    fn copy_rows(&mut self, slot: u32, out: &mut [f64]) {
         let Block { level, place, .. } = self.block(slot);
         if level == NONE || self.chain.in_particle_order(level) {
-            out.extend_from_slice(self.read(slot).values);
+            out.copy_from_slice(self.read(slot).values);
             return;
         }
         // Gathered to where they are wanted, not by way of the scratch rows.
-        let (begin, length) = (out.len(), self.length(level));
-        out.resize(begin + self.chain.particles() * self.columns, 0.0);
+        let length = self.length(level);
         let lineages = if length == self.columns { &[] } else { self.chain.map(level) };
-        gather(&self.workers, self.values.get(place, length), &mut out[begin..], lineages);
+        gather(&self.workers, self.values.get(place, length), out, lineages);
     }
 
     fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool {
