@@ -45,10 +45,13 @@ pub(crate) fn by_robot_pose<const Z: usize>(
     T_world_sensor: Pose,
 ) -> Matrix<Z, 3> {
     let (ax, ay) = (T_world_sensor.x - T_world_robot.x, T_world_sensor.y - T_world_robot.y);
-    by_sensor.map(
-        #[inline(always)]
-        |[x, y, h]| [x, y, h - ay * x + ax * y],
-    )
+    // Not `map`: that is left a call within passes over particles, which then are no vector code.
+    let mut by_robot = by_sensor;
+    for row in &mut by_robot {
+        let [x, y, h] = *row;
+        row[2] = h - ay * x + ax * y;
+    }
+    by_robot
 }
 
 impl Belief {
