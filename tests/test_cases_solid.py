@@ -108,7 +108,8 @@ def test_a_map_that_comes_out_wrong_is_said_to_be(cases: Path, case: str) -> Non
     wrong = 0
     for settings in ({}, plain):
         for seed in (1, 2, 3):
-            result = run(log, {"association": {"mode": "unknown"}, "seed": seed, **settings})
+            given = {"association": {"mode": "unknown"}, "seed": seed, **settings}
+            result = run(log, given, auto=False)
             found = evaluate(result, log)
             is_wrong = found["landmarks"] > 1.1 * found["landmark_matched"]
             said = any("were in view and not sighted any more" in line for line in result.verdict)

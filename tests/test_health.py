@@ -51,7 +51,7 @@ def demo(seed: int) -> Log:
 
 def run(log: Log, algorithm: str, association: str) -> RunResult:
     settings = {"algorithm": algorithm, "association": {"mode": association}, "seed": 1}
-    return fastslam.run(log, {**settings, "filter": {"particles": 50}})
+    return fastslam.run(log, {**settings, "filter": {"particles": 50}}, auto=False)
 
 
 def steps_until(result: RunResult, status: HealthStatus) -> int | None:

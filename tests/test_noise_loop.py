@@ -75,7 +75,7 @@ def with_value(config: Mapping[str, Any], key: str, number: float) -> dict[str, 
 
 def advised(log: Log, config: dict[str, Any]) -> dict[str, float]:
     """What a run with these settings says to set."""
-    result = fastslam.run(log, merge({"seed": 1, "filter": {"particles": 50}}, config))
+    result = fastslam.run(log, merge({"seed": 1, "filter": {"particles": 50}}, config), auto=False)
     return {key: float(text) for warning in result.warnings for key, text in ADVICE.findall(warning)}
 
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from .checkpoint import Checkpoints
 from .config import merge
 from .datasets.registry import load
 from .detection import own_settings
-from .errors import DataError
+from .errors import DataError, FastSlamError
 from .log import Log
 from .maps import Map, StartLike
 from .result import RunResult
@@ -29,6 +31,10 @@ if TYPE_CHECKING:
     from .watching import Watch
 
 
+NUMERIC = (ArithmeticError, np.linalg.LinAlgError)
+"""What numbers out of all proportion end in."""
+
+
 @dataclass(frozen=True)
 class Learning:
     """What a log said of its noise before the run: the tuning, or why there is none."""
@@ -40,6 +46,12 @@ class Learning:
     def settings(self) -> dict[str, Any]:
         """What to lay over the settings; empty where nothing was found."""
         return {} if self.found is None else self.found.settings
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """What speaks against the run beside its own verdict."""
+        doubt = None if self.found is None or self.found.interrupted else self.found.doubt
+        return () if doubt is None else (doubt,)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -86,6 +98,8 @@ def learned_first(log: Log, config: Layer | None = None, *, progress: Progress |
     try:
         with stage("tune"):
             return Learning(searched(log, config, progress=progress))
+    except NUMERIC:
+        return Learning(None, "its numbers, or those of the settings, are out of all proportion")
     except DataError as error:
         reason = str(error).removeprefix(f"{log.source}: ")
         return Learning(None, reason.removeprefix("nothing can be learned from this log: "))
@@ -106,9 +120,10 @@ def sounder_than(
     try:
         with stage("tune"):
             found = searched(log, config, progress=progress, stated=result)
-    except DataError:
+    except (FastSlamError, *NUMERIC):
+        # The run that is there is not lost to what comes after it.
         return None
-    return found if found.best.is_sound and not found.interrupted else None
+    return found if found.best.is_sound and found.doubt is None and not found.interrupted else None
 
 
 def run(
@@ -151,14 +166,16 @@ def run(
     layer = config or {}
     plain = map is None and sensor is None and checkpoints is None
     warnings: tuple[str, ...] = ()
+    against: tuple[str, ...] = ()
     if auto or (auto is None and plain and is_learning_due(log, layer)):
         learning = learned_first(log, layer, progress=progress)
         layer, warnings = merge(layer, learning.settings), learning.warnings
+        against = learning.verdict
         found, as_asked = learning.found, plain and start is None
         if found is not None and found.interrupted and not as_asked:
             raise KeyboardInterrupt
         if found is not None and as_asked and (watch is None or found.interrupted):
-            return replace(found.result, warnings=(*warnings, *found.result.warnings))
+            return with_words(found.result, against, warnings)
     result = run_once(
         log,
         layer,
@@ -173,7 +190,12 @@ def run(
         sounder = sounder_than(result, log, layer, progress=progress)
         if sounder is not None:
             return with_word(sounder, result)
-    return replace(result, warnings=(*warnings, *result.warnings))
+    return with_words(result, against, warnings)
+
+
+def with_words(result: RunResult, against: tuple[str, ...], warnings: tuple[str, ...]) -> RunResult:
+    """The run with more sentences before those of its verdict and its warnings."""
+    return replace(result, verdict=(*against, *result.verdict), warnings=(*warnings, *result.warnings))
 
 
 def with_word(sounder: Tuning, result: RunResult) -> RunResult:

@@ -201,7 +201,8 @@ def run_log(
         wanted = False if auto is None and (resume or checkpoint_every is not None) else auto
         learning = learned_into(folder, log, merge(*layers), wanted=wanted, quiet=json)
         warnings = () if learning is None else learning.warnings
-        results = Results(folder, reference, not no_report, figures, findings, warnings)
+        against = () if learning is None else learning.verdict
+        results = Results(folder, reference, not no_report, figures, findings, warnings, against)
         if learning is not None and learning.found is not None and learning.found.interrupted:
             show(kept_run(learning.found.result, log, results), json=json)
         configuration = configure(log, *layers, {} if learning is None else learning.settings)
@@ -275,6 +276,8 @@ class Results:
     figures: bool = False
     findings: tuple[Finding, ...] = ()
     warnings: tuple[str, ...] = ()
+    against: tuple[str, ...] = ()
+    """What speaks against the run beside its own verdict."""
 
     @property
     def pictures(self) -> bool:
@@ -393,7 +396,8 @@ def _with_findings(result: RunResult, results: Results) -> RunResult:
 
     told = tuple(finding.to_dict() for finding in results.findings)
     warnings = after_findings(result.warnings, told)
-    return replace(result, findings=told, warnings=(*results.warnings, *warnings))
+    said = replace(result, findings=told, verdict=(*results.against, *result.verdict))
+    return replace(said, warnings=(*results.warnings, *warnings))
 
 
 def _list_tries(result: RunResult) -> None:

@@ -37,8 +37,8 @@ def log_new_density(config: Mapping[str, Any]) -> float:
         outer = -2 * np.log(1 - association["new_landmark_gate_probability"])
         tail = sensor["tail_degrees_of_freedom"]
         excess = 0.0 if tail is None else 0.5 * outer - 0.5 * (tail + 2) * np.log1p(outer / tail)
-        determinant = (2 * sensor["range_std_m"] * sensor["bearing_std_rad"]) ** 2
-        found = -0.5 * (outer + np.log(determinant)) - np.log(2 * np.pi) + excess
+        log_deviations = np.log(2 * sensor["range_std_m"]) + np.log(sensor["bearing_std_rad"])
+        found = -0.5 * outer - log_deviations - np.log(2 * np.pi) + excess
     else:
         found = np.log(density)
     clutter = association["clutter_density"]
@@ -82,8 +82,11 @@ class Judgement:
 
     def is_simpler(self, other: Judgement) -> bool:
         """Whether clearly fewer landmarks explain as much: those that the other has more are there twice."""
-        fewer = self.landmarks < FEWER * other.landmarks
-        return fewer and self.explained > other.explained - AS_MUCH
+        return self.landmarks < FEWER * other.landmarks and self.explains_as_much_as(other)
+
+    def explains_as_much_as(self, other: Judgement) -> bool:
+        """Whether as many sightings lie near the landmarks as near those of another map."""
+        return self.explained > other.explained - AS_MUCH
 
 
 SOUND = 2

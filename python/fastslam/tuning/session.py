@@ -99,6 +99,25 @@ class Tuning:
         return replace(self.best.result, interrupted=True) if self.interrupted else self.best.result
 
     @property
+    def doubt(self) -> str | None:
+        """What still speaks against the map, though nothing does by its own sightings; None for a sound one.
+
+        A robot that slips or was carried away has no right map under any noise, and under one that is wide
+        enough nothing speaks against a wrong one. Where the first map was doubted, only one of fewer
+        landmarks that explain as much is believed; names settle it otherwise.
+        """
+        first, best = self.attempts[0], self.best
+        if best is first or first.is_sound or self.result.config["association"]["mode"] == "known":
+            return None
+        plain, found = first.judgement, best.judgement
+        if found.landmarks < plain.landmarks and found.explains_as_much_as(plain):
+            return None
+        return (
+            f"with the settings as they are {plain.doubt}; with what the log teaches the map has no fewer "
+            "landmarks, so that too may be wrong"
+        )
+
+    @property
     def ratio(self) -> float:
         """So many times as long as the odometry says the ranges are; 1 where the log shows no difference."""
         found = {value.key: value for value in self.values if value.significant}
