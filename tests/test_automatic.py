@@ -16,6 +16,7 @@ from fastslam.evaluation import evaluate
 from fastslam.log import Log
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.tuning.session import MOST_RUNS
+from faults import with_swapped_wheels
 from small_log import write_small_log
 
 NOISE = {"sensor": {"range_std_m": 0.3, "bearing_std_rad": 0.01}}
@@ -138,6 +139,15 @@ def test_a_doubted_map_gives_way_to_a_sound_one_that_the_log_teaches(doubling: L
     assert result.config["motion"]["correction"]["turn_gain"] == pytest.approx(0.65, abs=0.02)
     assert result.warnings[0].startswith("with the settings as they are the map is doubted (")
     assert "motion.correction.turn_gain 0.6" in result.warnings[0]
+
+
+@pytest.mark.slow
+def test_no_noise_makes_a_robot_right_whose_wheels_are_swapped_on_the_way() -> None:
+    log = with_swapped_wheels(simulate(resolve_simulation({"seed": 3}, preset="demo")), at_s=35.0)
+    for asked in (log, untold(log)):
+        result = fastslam.run(asked, {**FEW, "filter": {"particles": 50}})
+        assert evaluate(result, log)["landmark_precision"] < 0.5
+        assert result.verdict, "a wrong map is told"
 
 
 def test_a_map_that_nothing_speaks_against_is_left_alone(doubling: Log) -> None:
