@@ -105,6 +105,13 @@ def learned_first(log: Log, config: Layer | None = None, *, progress: Progress |
         return Learning(None, reason.removeprefix("nothing can be learned from this log: "))
 
 
+def is_doubted(result: RunResult, log: Log, config: Layer | None = None) -> bool:
+    """Whether the map of a run is such that `sounder_than` looks for another one."""
+    if not result.verdict or result.interrupted or not is_learnable(log, config):
+        return False
+    return judged(result, log, result.config).rank < SOUND
+
+
 def sounder_than(
     result: RunResult, log: Log, config: Layer | None = None, *, progress: Progress | None = None
 ) -> Tuning | None:
@@ -113,9 +120,7 @@ def sounder_than(
     For a log whose noise is stated: it stays as it is as long as nothing speaks against the map. `config`
     are the settings of the run. Errors: `ConfigError` for them.
     """
-    if not result.verdict or result.interrupted or not is_learnable(log, config):
-        return None
-    if judged(result, log, result.config).rank == SOUND:
+    if not is_doubted(result, log, config):
         return None
     try:
         with stage("tune"):
