@@ -55,7 +55,7 @@ def measure(log: Log, settings: dict[str, Any], seeds: int) -> tuple[list[float]
     """Medians over seeds of mean M, updates, path and map error; and one of the runs."""
     rows, result = [], None
     for seed in range(1, seeds + 1):
-        result = fastslam.run(log, merge(settings, {"seed": seed}))
+        result = fastslam.run(log, merge(settings, {"seed": seed}), auto=False)
         metrics = evaluate(result, log)
         updates = float(result.steps.particles @ result.steps.sightings)
         path = metrics.get("ate_rmse_m", metrics.get("edited_fixes_rms_m", metrics.get("gps_inlier_rmse_m")))

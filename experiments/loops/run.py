@@ -65,7 +65,7 @@ def measure(world: str, filter: str, seed: int) -> Run:
     """One run without identities."""
     log = simulate(resolve_simulation({"seed": seed}, WORLDS[world], preset="loop"))
     settings = {"seed": seed, "association": {"mode": "unknown"}, **FILTERS[filter]}
-    result = fastslam.run(log, settings)
+    result = fastslam.run(log, settings, auto=None if filter == "default" else False)
     found = evaluate(result, log)
     return Run(
         false_landmarks=float(found["landmarks"]) - float(found["landmark_matched"]),

@@ -77,7 +77,8 @@ def map_error_m(world: World, filter_name: str, particles: int, seed: int) -> fl
     """Median over the logs of a world."""
     settings = merge(FILTERS[filter_name], {"seed": seed, "filter": {"particles": particles}})
     errors = [
-        evaluate(fastslam.run(log, settings), log)["landmark_rmse_m"] for log in (f(seed) for f in world.logs)
+        evaluate(fastslam.run(log, settings, auto=False), log)["landmark_rmse_m"]
+        for log in (f(seed) for f in world.logs)
     ]
     return float(np.median(errors))
 
