@@ -200,7 +200,7 @@ def test_the_watch_looks_at_scans_at_every_rate(period_s: float, duration_s: flo
     wanted = scans if period_s >= 0.75 else scans / 4
     assert 0.9 * wanted <= right.noise["scans"] <= wanted + 1
     assert warnings_of(right) == () and 1.6 < right.noise["nis"] < 2.4
-    wrong = fastslam.run(log, {**base, "sensor": {"range_std_m": 0.03}})
+    wrong = fastslam.run(log, {**base, "sensor": {"range_std_m": 0.03}}, auto=False)
     assert any("sensor.range_std_m" in text and "raise" in text for text in wrong.warnings), wrong.warnings
 
 
@@ -261,7 +261,8 @@ def test_a_script_can_tell_a_run_that_is_not_to_be_believed(tmp_path: Path) -> N
 
     def run(log: str, *options: str) -> Outcome:
         out = tmp_path / f"{log}-{len(options)}"
-        return command("run", tmp_path / log, "--no-report", "--out", out, "--particles", "20", *options)
+        given = ("--no-auto", "--no-report", "--out", out, "--particles", "20")
+        return command("run", tmp_path / log, *given, *options)
 
     told = run("turned", "--json")
     assert told.exit_code == 0 and json.loads(told.stdout)["verdict"], "without --strict as ever"

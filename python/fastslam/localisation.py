@@ -21,7 +21,7 @@ from .result import LandmarkMap, RunResult
 from .runner import Progress, configure, run
 from .settings import Layer
 from .several import refuse_several
-from .trust import LOST
+from .trust import WAS_LOST
 
 if TYPE_CHECKING:
     from .placement import Constellation, Placement, View
@@ -190,14 +190,14 @@ def _followed(
         return replace(found, result=whole)
     told = [_told(one, begin_s) for one in again]
     # How often it was lost says less than when.
-    others = [sentence for sentence in whole.verdict if not sentence.startswith(LOST)]
+    others = [sentence for sentence in whole.verdict if not sentence.startswith(WAS_LOST)]
     whole, last = replace(whole, verdict=(*told, *others)), again[-1]
     modes = last.modes if last.status == "searching" else found.modes
     return replace(found, status=last.status, modes=modes, result=whole, again=tuple(again))
 
 
 def _told(one: Again, begin_s: float) -> str:
-    lost = f"{LOST} after {one.lost_s - begin_s:.1f} s; searching the map from there on"
+    lost = f"{WAS_LOST} after {one.lost_s - begin_s:.1f} s; searching the map from there on"
     if one.status == "found":
         return f"{lost} found the robot {one.searched_s:.1f} s later"
     return f"{lost} is not over: after {one.searched_s:.1f} s {_places(one.modes)}"
