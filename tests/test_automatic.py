@@ -130,10 +130,15 @@ def doubling() -> Log:
     return replace(log, sightings=unnamed, controls=replace(log.controls, values=turning))
 
 
+def interrupt() -> None:
+    raise KeyboardInterrupt
+
+
 def test_a_doubted_map_gives_way_to_a_sound_one_that_the_log_teaches(doubling: Log) -> None:
     assert not is_learning_due(doubling, FEW)
     plain = fastslam.run(doubling, FEW, auto=False)
     assert len(plain.landmarks.ids) > 100 and plain.verdict
+    assert sounder_than(plain, doubling, FEW, on_doubt=interrupt) is None, "what there is stays"
     result = fastslam.run(doubling, FEW)
     assert 57 <= len(result.landmarks.ids) <= 61 and not result.verdict
     assert result.config["motion"]["correction"]["turn_gain"] == pytest.approx(0.65, abs=0.02)

@@ -407,8 +407,8 @@ def test_a_phone_gets_figures_whose_letters_it_can_show() -> None:
     """At 390 pixels a figure is 340 wide: letters of 8 points are then as many pixels high on 4 inches."""
     page = make_page()
     for name in NAMES:
-        wide, small = (
-            float(re.search(rf'class="chart of-{kind}"[^>]*? width="([0-9.]+)pt"', page).group(1))  # type: ignore[union-attr]
+        (wide,), (small,) = (
+            map(float, re.findall(rf'class="chart of-{kind}"[^>]*? width="([0-9.]+)pt"', page))
             for kind in (name, f"small-{name}")
         )
         assert small < 300.0 < wide

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -65,6 +65,14 @@ class Learning:
         fault = None if self.found.interrupted else self.found.best.fault
         return () if fault is None else (f"no noise that was tried makes a sound map ({fault}). {state}",)
 
+    def said_of(self, result: RunResult) -> RunResult:
+        """The run with these sentences before those of its own."""
+        return replace(
+            result,
+            verdict=(*self.verdict, *result.verdict),
+            warnings=(*self.warnings, *result.warnings),
+        )
+
 
 def unstated_noise(log: Log, config: Layer | None = None) -> tuple[str, ...]:
     """Whose noise neither the log nor `config` states: `motion`, `sensor`, both or none.
@@ -105,30 +113,34 @@ def learned_first(log: Log, config: Layer | None = None, *, progress: Progress |
         return Learning(None, reason.removeprefix("nothing can be learned from this log: "))
 
 
-def is_doubted(result: RunResult, log: Log, config: Layer | None = None) -> bool:
-    """Whether the map of a run is such that `sounder_than` looks for another one."""
-    if not result.verdict or result.interrupted or not is_learnable(log, config):
-        return False
-    return judged(result, log, result.config).rank < SOUND
-
-
 def sounder_than(
-    result: RunResult, log: Log, config: Layer | None = None, *, progress: Progress | None = None
+    result: RunResult,
+    log: Log,
+    config: Layer | None = None,
+    *,
+    progress: Progress | None = None,
+    on_doubt: Callable[[], None] | None = None,
 ) -> Tuning | None:
-    """What the log teaches where the map of its run is doubted, if that makes a sound one; else None.
+    """What the log teaches where the map of its run is doubted, if that makes a sound map; else None.
 
     For a log whose noise is stated: it stays as it is as long as nothing speaks against the map. `config`
-    are the settings of the run. Errors: `ConfigError` for them.
+    are the settings of the run, `on_doubt` is called before anything is learned. The run that is there is not
+    lost to what comes after it: what ends the learning, an interrupt too, leaves None.
     """
-    if not is_doubted(result, log, config):
+    if not result.verdict or result.interrupted or not is_learnable(log, config):
         return None
     try:
+        if judged(result, log, result.config).rank == SOUND:
+            return None
+        if on_doubt is not None:
+            on_doubt()
         with stage("tune"):
             found = searched(log, config, progress=progress, stated=result)
-    except (FastSlamError, *NUMERIC):
-        # The run that is there is not lost to what comes after it.
+    except (FastSlamError, KeyboardInterrupt, *NUMERIC):
         return None
-    return found if found.best.is_sound and found.doubt is None and not found.interrupted else None
+    if found.interrupted or found.doubt is not None or not found.best.is_sound:
+        return None
+    return found
 
 
 def run(
@@ -170,17 +182,15 @@ def run(
     log = detected(log, config)
     layer = config or {}
     plain = map is None and sensor is None and checkpoints is None
-    warnings: tuple[str, ...] = ()
-    against: tuple[str, ...] = ()
+    learning: Learning | None = None
     if auto or (auto is None and plain and is_learning_due(log, layer)):
         learning = learned_first(log, layer, progress=progress)
-        layer, warnings = merge(layer, learning.settings), learning.warnings
-        against = learning.verdict
+        layer = merge(layer, learning.settings)
         found, as_asked = learning.found, plain and start is None
         if found is not None and found.interrupted and not as_asked:
             raise KeyboardInterrupt
         if found is not None and as_asked and (watch is None or found.interrupted):
-            return with_words(found.result, against, warnings)
+            return learning.said_of(found.result)
     result = run_once(
         log,
         layer,
@@ -191,27 +201,23 @@ def run(
         watch=watch,
         sensor=sensor,
     )
+    if learning is not None:
+        return learning.said_of(result)
     if auto is None and plain and start is None and watch is None:
         sounder = sounder_than(result, log, layer, progress=progress)
-        if sounder is not None:
-            return with_word(sounder, result)
-    return with_words(result, against, warnings)
+        return result if sounder is None else in_place_of(result, sounder)
+    return result
 
 
-def with_words(result: RunResult, against: tuple[str, ...], warnings: tuple[str, ...]) -> RunResult:
-    """The run with more sentences before those of its verdict and its warnings."""
-    return replace(result, verdict=(*against, *result.verdict), warnings=(*warnings, *result.warnings))
-
-
-def with_word(sounder: Tuning, result: RunResult) -> RunResult:
-    """The run of `sounder_than`, with a warning on the one that gave way to it."""
-    errors = (value for value in sounder.values if value.significant and value.standard_error >= 0)
+def in_place_of(result: RunResult, found: Tuning) -> RunResult:
+    """The run that was found, with a warning on the one that gives way to it."""
+    errors = (value for value in found.values if value.significant and value.standard_error >= 0)
     told = [f"{value.key} {value.value:.3g}" for value in errors if value.value != value.stated]
     word = (
         f"with the settings as they are the map is doubted ({result.verdict[0].split(':')[0]}): kept is a "
-        f"run with what the log itself says, against which nothing speaks: {', '.join([*told, 'noise'])}"
+        f"run with what the log itself says, against whose map nothing speaks: {', '.join([*told, 'noise'])}"
     )
-    return replace(sounder.result, warnings=(word, *sounder.result.warnings))
+    return replace(found.result, warnings=(word, *found.result.warnings))
 
 
 def _states_noise(section: Mapping[str, Any]) -> bool:

@@ -105,18 +105,18 @@ def sounder_into(
     folder: Path, result: RunResult, log: Log, config: Config, *, progress: Progress
 ) -> RunResult:
     """The run, or where its map is doubted a sounder one; what the log taught it is left in a folder."""
-    from ..automatic import is_doubted, sounder_than, with_word
+    from ..automatic import in_place_of, sounder_than
     from ..resultfiles import to_json, write_atomically
 
-    if not is_doubted(result, log, config):
-        return result
-    note = "the map is doubted: learning from the log, up to six runs more (--no-auto: none)"
-    stderr().print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
-    found = sounder_than(result, log, config, progress=progress)
+    def say() -> None:
+        note = "the map is doubted: learning from the log, up to six runs more (--no-auto: none)"
+        stderr().print(f"note: {note}", markup=False, highlight=False, soft_wrap=True)
+
+    found = sounder_than(result, log, config, progress=progress, on_doubt=say)
     if found is None:
         return result
     write_atomically(folder / LEARNED_FILE, to_json(facts_of(found)))
-    return with_word(found, result)
+    return in_place_of(result, found)
 
 
 def _in_short(found: Tuning) -> str:

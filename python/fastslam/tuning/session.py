@@ -47,7 +47,7 @@ Park, 0.24 where bearings are random."""
 LEAST_NATS = 10.0
 """So many nats settings must gain on the sightings that judge, or the simpler ones are kept."""
 MOST_RUNS = 7
-_NAMES = {1.0: "wide", 2.0: "wider", 3.0: "widest"}
+_NAMES = dict(zip(WIDER, ("wide", "wider", "widest"), strict=True))
 REPEATING = 1.5
 """From here on errors of neighbouring sightings are said to repeat."""
 
@@ -104,17 +104,18 @@ class Tuning:
 
         A robot that slips or was carried away has no right map under any noise, and under one that is wide
         enough nothing speaks against a wrong one. Where the first map was doubted, only one of fewer
-        landmarks that explain as much is believed; names settle it otherwise.
+        landmarks that explain as much is believed, or with names one that explains as much.
         """
         first, best = self.attempts[0], self.best
-        if best is first or first.is_sound or self.result.config["association"]["mode"] == "known":
+        if best is first or first.is_sound:
             return None
         plain, found = first.judgement, best.judgement
-        if found.landmarks < plain.landmarks and found.explains_as_much_as(plain):
+        named = self.result.config["association"]["mode"] == "known"
+        if (named or found.landmarks < plain.landmarks) and found.explains_as_much_as(plain):
             return None
         return (
-            f"with the settings as they are {plain.doubt}; with what the log teaches the map has no fewer "
-            "landmarks, so that too may be wrong"
+            f"with the settings as they are {plain.doubt}; with what the log teaches the map is no simpler, "
+            "so that too may be wrong"
         )
 
     @property
