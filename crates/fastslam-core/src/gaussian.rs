@@ -174,10 +174,12 @@ impl GaussianOf<2> for Gaussian {
         numbers.iter().all(|value| value.abs() <= LARGEST_STATE) && self.covariance.is_positive_definite()
     }
 
+    #[inline(always)]
     fn distance_squared(&self, other: &Self, more: f64) -> f64 {
         let (p, q) = (&self.covariance, &other.covariance);
         let s = Symmetric2::new(p.xx + q.xx + more, p.xy + q.xy, p.yy + q.yy + more);
-        mahalanobis_squared(difference(self.mean, other.mean), s)
+        // Not `difference`: that may be left a call, for every map of a pass.
+        mahalanobis_squared([self.mean[0] - other.mean[0], self.mean[1] - other.mean[1]], s)
     }
 
     fn product(&self, other: &Self) -> Self {

@@ -6,17 +6,23 @@
 use crate::math;
 
 /// Philox4x32 with ten rounds: four words from a counter of four words under a key of two.
+///
+/// The words stand in the lower halves of wider ones, whose upper halves mean nothing: so it is vector code in a pass over
+/// particles.
 #[inline(always)]
-pub fn philox(mut counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
+pub fn philox(counter: [u32; 4], mut key: [u32; 2]) -> [u32; 4] {
+    const WORD: u64 = 0xffff_ffff;
+    let [a, b, c, d] = counter;
+    let mut wide = [u64::from(a), u64::from(b), u64::from(c), u64::from(d)];
     for round in 0..10 {
         if round > 0 {
             key = [key[0].wrapping_add(0x9E37_79B9), key[1].wrapping_add(0xBB67_AE85)];
         }
-        let a = u64::from(counter[0]) * 0xD251_1F53;
-        let b = u64::from(counter[2]) * 0xCD9E_8D57;
-        counter = [(b >> 32) as u32 ^ counter[1] ^ key[0], b as u32, (a >> 32) as u32 ^ counter[3] ^ key[1], a as u32];
+        let a = (wide[0] & WORD) * 0xD251_1F53;
+        let b = (wide[2] & WORD) * 0xCD9E_8D57;
+        wide = [(b >> 32) ^ wide[1] ^ u64::from(key[0]), b, (a >> 32) ^ wide[3] ^ u64::from(key[1]), a];
     }
-    counter
+    [wide[0] as u32, wide[1] as u32, wide[2] as u32, wide[3] as u32]
 }
 
 /// What a draw is for: streams of different purposes never overlap.

@@ -116,6 +116,12 @@ pub fn sums<const N: usize>(count: usize, terms: impl Fn(usize) -> [f64; N]) -> 
     lanes.map(|l| ((l[0] + l[1]) + (l[2] + l[3])) + ((l[4] + l[5]) + (l[6] + l[7])))
 }
 
+/// Whether any of these is true, without a branch for each: made for a pass over particles.
+#[inline]
+pub fn any(flags: &[bool]) -> bool {
+    flags.iter().fold(false, |any, flag| any | flag)
+}
+
 /// The least and the largest of some numbers, of which those that are none do not count; (∞, −∞) without any.
 #[inline(always)]
 pub fn range(count: usize, number: impl Fn(usize) -> f64) -> (f64, f64) {
@@ -169,6 +175,14 @@ mod tests {
             assert_eq!(vectorized_at(level, pass), pass(), "{level:?}");
         }
         assert_eq!(vectorized(pass), pass());
+    }
+
+    #[test]
+    fn one_of_many_is_enough() {
+        for count in 0..70 {
+            assert!(!any(&vec![false; count]));
+            assert!((0..count).all(|at| any(&(0..count).map(|i| i == at).collect::<Vec<_>>())));
+        }
     }
 
     #[test]

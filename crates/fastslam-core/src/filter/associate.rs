@@ -5,7 +5,7 @@ use super::beginning::refuse_foundings;
 use super::beliefs::{belief_in, set_belief_in, Beliefs, Refinement};
 use super::doubtful::{self, explain_by_doubtful, set_doubtful_aside};
 use super::doubts;
-use super::existence::add_detection_odds;
+use super::existence::detection_odds;
 use super::extent::Extent;
 use super::landmarks::Landmarks;
 use super::propose::propose;
@@ -111,6 +111,7 @@ fn find_candidates<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut W
         // What stands there from the scan before is written over: zeros would be written for nothing.
         let begin = table.slots.len() * size;
         table.values.resize(table.values.len().max(begin + size), 0.0);
+        landmarks.expect_reads(slot);
         landmarks.copy_rows(slot, &mut table.values[begin..][..size]);
         table.slots.push(slot);
     }
@@ -180,22 +181,20 @@ fn gather_evidence(
     settings: &Settings,
     landmarks: &mut Landmarks,
     scan: &[ScanSighting],
-    Associating { table, fits, odds, .. }: &mut Associating,
+    Associating { table, fits, .. }: &mut Associating,
 ) {
     fits.evidence.clear();
-    if landmarks.appearances.is_none() && settings.config.association.detection_of_all_in_view().is_none() {
+    let (n, Landmarks { existence, appearances, .. }) = (table.particles, landmarks);
+    let odds = detection_odds(settings, existence, &table.slots);
+    if appearances.is_none() && odds.is_none() {
         return;
-    }
-    let n = table.particles;
-    odds.clear();
-    odds.resize(table.slots.len() * n, 0.0);
-    for (slot, odds) in table.slots.iter().zip(odds.chunks_exact_mut(n)) {
-        add_detection_odds(settings, landmarks, *slot, odds);
     }
     fits.evidence.gather(table, |j, candidate, evidence| {
         let slot = table.slots[candidate as usize];
-        evidence.copy_from_slice(&odds[candidate as usize * n..][..n]);
-        if let Some(appearances) = &mut landmarks.appearances {
+        if let Some(odds) = odds {
+            evidence.copy_from_slice(&odds[candidate as usize * n..][..n]);
+        }
+        if let Some(appearances) = &mut *appearances {
             appearances.add_evidence(slot, scan[j].appearance, evidence);
         }
     });

@@ -102,11 +102,15 @@ fn prepare<M>(setup: &Setup<M>, particles: usize, work: &mut Work) {
     sighting_densities.resize(if is_wanted { work.associating.table.slots.len() * particles } else { 0 }, 0.0);
 }
 
-/// Marks the particles that decided so; whether there are any.
+/// Marks the particles that decided so, where there are any; whether there are.
 fn mark(decided: &[u32], so: u32, mask: &mut Vec<bool>) -> bool {
-    mask.clear();
-    mask.extend(decided.iter().map(|d| *d == so));
-    mask.contains(&true)
+    // Most candidates are nobody's: that is seen sooner than marked.
+    let is_any = decided.iter().fold(false, |any, d| any | (*d == so));
+    if is_any {
+        mask.clear();
+        mask.extend(decided.iter().map(|d| *d == so));
+    }
+    is_any
 }
 
 /// Notes how likely the sighting of a candidate was, where there is room for it.

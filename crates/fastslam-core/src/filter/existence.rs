@@ -5,7 +5,8 @@
 //! In place of fixed numbers they can follow Bayes' rule; and where the probability of a detection is known, a map that
 //! holds landmarks in view that were not sighted loses weight.
 
-use super::landmarks::{Landmarks, EXISTENCE_COLUMNS};
+use super::believed::{Existence, EXISTENCE_COLUMNS};
+use super::landmarks::Landmarks;
 use super::state::Maps;
 use super::work::{Claims, Correcting, Judging, Verdicts};
 use super::{Particles, Settings};
@@ -13,7 +14,7 @@ use crate::association::{Box2, Decision};
 use crate::config::{AssociationConfig, ExistenceForm, Removal};
 use crate::landmark::{column, SensorPoses};
 use crate::math;
-use crate::vector::vectorized;
+use crate::vector::{any, vectorized};
 
 /// Whether scans are judged by what they should have shown.
 pub(super) fn is_judged(settings: &Settings, landmarks: &Landmarks) -> bool {
@@ -33,23 +34,17 @@ pub(super) fn initial_log_odds(settings: &Settings) -> f64 {
     }
 }
 
-/// Adds to every particle's number the odds that a landmark is sighted rather than missed, r P_D / (1 − r P_D), as a
-/// logarithm.
+/// The odds that each of these landmarks is sighted rather than missed, r P_D / (1 − r P_D), as logarithms: a column of all
+/// particles for each; `None` where they do not count.
 ///
 /// **Why:** every landmark in view costs ln(1 − r P_D), sighted or not ([`judge`]); a sighting takes that back.
-pub(super) fn add_detection_odds(settings: &Settings, landmarks: &mut Landmarks, slot: u32, evidence: &mut [f64]) {
-    let Some(detection) = settings.config.association.detection_of_all_in_view() else { return };
-    let Some(existence) = &mut landmarks.existence else { return };
-    let log_odds = existence.read(slot).column(1);
-    vectorized(
-        #[inline(always)]
-        || {
-            for (value, log_odds) in evidence.iter_mut().zip(log_odds) {
-                let seen = math::logistic(*log_odds) * detection;
-                *value += math::ln(seen / (1.0 - seen));
-            }
-        },
-    );
+pub(super) fn detection_odds<'a>(
+    settings: &Settings,
+    existence: &'a mut Option<Existence>,
+    slots: &[u32],
+) -> Option<&'a [f64]> {
+    let detection = settings.config.association.detection_of_all_in_view()?;
+    Some(existence.as_mut()?.detection_odds(slots, detection))
 }
 
 /// Whether the best particle's landmark, seen so often, counts as real.
@@ -83,6 +78,8 @@ pub(super) fn judge(
     let view = View::of(settings);
     note_sighted(claims, maps.particles.len(), &mut judging.sighted);
     list_in_reach(&view, &mut maps, claims, &correcting.sensor_poses, judging);
+    let mut directions = std::mem::take(&mut judging.directions);
+    let eyes = Eyes::of(&correcting.sensor_poses, &mut directions);
     judging.verdicts.judged.resize(maps.particles.len(), false);
     let mut removed = 0;
     for place in 0..judging.in_reach.len() {
@@ -91,9 +88,9 @@ pub(super) fn judge(
         if maps.landmarks.birth(slot) >= correcting.first_birth {
             continue;
         }
-        view.find_in_view(maps.landmarks, slot, &correcting.sensor_poses, &mut judging.verdicts.judged);
+        view.find_in_view(maps.landmarks, slot, &eyes, &mut judging.verdicts.judged);
         enter_sighted(claims.table.candidate_of(slot), &correcting.sighting_densities, judging);
-        if !judging.verdicts.judged.contains(&true) {
+        if !any(&judging.verdicts.judged) {
             continue;
         }
         if maps.is_fixed(slot) {
@@ -102,6 +99,7 @@ pub(super) fn judge(
             removed += odds.count(&mut maps, slot, judging);
         }
     }
+    judging.directions = directions;
     removed
 }
 
@@ -115,9 +113,11 @@ fn list_in_reach(
 ) {
     let particles = maps.particles.len();
     in_reach.clear();
-    maps.landmarks.find(&view.region(particles, sensor_poses), in_reach);
+    let region = view.region(particles, sensor_poses);
+    maps.landmarks.find(&region, in_reach);
+    in_reach.retain(|slot| maps.landmarks.may_lie_in(*slot, &region));
     let sighted = claims.table.slots.iter().zip(sighted.chunks_exact(particles));
-    in_reach.extend(sighted.filter(|(_, sighted)| sighted.contains(&true)).map(|(slot, _)| *slot));
+    in_reach.extend(sighted.filter(|(_, sighted)| any(sighted)).map(|(slot, _)| *slot));
     in_reach.sort_unstable_by_key(|slot| maps.landmarks.birth(*slot));
     in_reach.dedup();
 }
@@ -158,16 +158,27 @@ struct View {
     near_m: f64,
     far_m: f64,
     half_width_rad: f64,
+    /// Slope of the side of a slightly wider view; infinite where it has none to speak of.
+    slope: f64,
 }
+
+/// A view is so much wider where directions are looked at that are not worked out; beside it, rounding is nothing.
+const ROUNDING_RAD: f64 = 1e-6;
+/// Views of this half width and more are not narrowed by a slope.
+const WIDE_RAD: f64 = 1.5;
 
 impl View {
     fn of(settings: &Settings) -> Self {
         let (sensor, existence) = (settings.config.sensor.common(), &settings.config.association.existence);
-        Self {
-            near_m: sensor.min_range_m,
-            far_m: existence.range_fraction * sensor.max_range_m,
-            half_width_rad: 0.5 * existence.view_fraction * sensor.field_of_view_rad,
-        }
+        let half_width_rad = 0.5 * existence.view_fraction * sensor.field_of_view_rad;
+        Self::around(sensor.min_range_m, existence.range_fraction * sensor.max_range_m, half_width_rad)
+    }
+
+    /// From a least range to a largest one.
+    fn around(near_m: f64, far_m: f64, half_width_rad: f64) -> Self {
+        let (sine, cosine) = math::sin_cos(half_width_rad + ROUNDING_RAD);
+        let slope = if half_width_rad < WIDE_RAD { sine / cosine } else { f64::INFINITY };
+        Self { near_m, far_m, half_width_rad, slope }
     }
 
     /// A box around everything that any particle's sensor can see for sure.
@@ -186,26 +197,63 @@ impl View {
     }
 
     /// In which maps a landmark is in view.
-    fn find_in_view(&self, landmarks: &mut Landmarks, slot: u32, poses: &SensorPoses, in_view: &mut [bool]) {
-        let Self { near_m: near, far_m: reach, half_width_rad } = *self;
+    fn find_in_view(&self, landmarks: &mut Landmarks, slot: u32, eyes: &Eyes<'_>, in_view: &mut [bool]) {
+        let Self { near_m: near, far_m: reach, half_width_rad, slope } = *self;
         let rows = landmarks.read(slot);
         let (count, x, y) = (rows.column(column::SIGHTINGS), rows.column(column::MEAN_X), rows.column(column::MEAN_Y));
         let n = in_view.len();
         let (count, x, y) = (&count[..n], &x[..n], &y[..n]);
-        let (sensor_x, sensor_y, heading) = (&poses.x[..n], &poses.y[..n], &poses.heading[..n]);
+        let (sensor_x, sensor_y, heading) = (&eyes.poses.x[..n], &eyes.poses.y[..n], &eyes.poses.heading[..n]);
+        let (sine, cosine) = (&eyes.sine[..n], &eyes.cosine[..n]);
+        let is_wide = slope == f64::INFINITY;
+        vectorized(
+            #[inline(always)]
+            || {
+                // No branches: the loops must stay straight lines to become vector code.
+                for i in 0..n {
+                    let (dx, dy) = (x[i] - sensor_x[i], y[i] - sensor_y[i]);
+                    let (ahead, aside) = (dx * cosine[i] + dy * sine[i], dy * cosine[i] - dx * sine[i]);
+                    let range_squared = dx * dx + dy * dy;
+                    let in_reach = (range_squared < reach * reach) & (range_squared > near * near);
+                    in_view[i] = (count[i] != 0.0) & in_reach & (is_wide | (aside.abs() < slope * ahead));
+                }
+                // Most are in view of nobody, and the direction itself costs more.
+                if !any(in_view) {
+                    return;
+                }
+                for i in 0..n {
+                    let (dx, dy) = (x[i] - sensor_x[i], y[i] - sensor_y[i]);
+                    let bearing = math::wrap_angle(math::atan2(dy, dx) - heading[i]);
+                    in_view[i] &= bearing.abs() < half_width_rad;
+                }
+            },
+        );
+    }
+}
+
+/// Where the sensors are, and where they look.
+struct Eyes<'a> {
+    poses: &'a SensorPoses,
+    sine: &'a [f64],
+    cosine: &'a [f64],
+}
+
+impl<'a> Eyes<'a> {
+    /// Of these sensors; `memory` is used for the directions.
+    fn of(poses: &'a SensorPoses, [sine, cosine]: &'a mut [Vec<f64>; 2]) -> Self {
+        let n = poses.heading.len();
+        sine.resize(n, 0.0);
+        cosine.resize(n, 0.0);
+        let (heading, sine, cosine) = (&poses.heading[..n], &mut sine[..n], &mut cosine[..n]);
         vectorized(
             #[inline(always)]
             || {
                 for i in 0..n {
-                    let (dx, dy) = (x[i] - sensor_x[i], y[i] - sensor_y[i]);
-                    let range_squared = dx * dx + dy * dy;
-                    // No branches: the loop must stay a straight line to become vector code.
-                    let reachable = (count[i] != 0.0) & (range_squared < reach * reach) & (range_squared > near * near);
-                    let bearing = math::wrap_angle(math::atan2(dy, dx) - heading[i]);
-                    in_view[i] = reachable & (bearing.abs() < half_width_rad);
+                    (sine[i], cosine[i]) = math::sin_cos(heading[i]);
                 }
             },
         );
+        Self { poses, sine, cosine }
     }
 }
 
@@ -338,14 +386,14 @@ impl Odds {
         let (odds, n) = (*self, judged.len());
         dead.resize(n, false);
         let Some(existence) = &mut maps.landmarks.existence else { return 0 };
-        existence.update(slot, Some(judged), &mut |rows| {
+        existence.update(slot, judged, &mut |rows| {
             let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>().map(|column| &mut column[..n]);
             let (judged, dead) = (&judged[..n], &mut dead[..n]);
             self.weigh(maps.particles, log_odds, |i| judged[i] & (present[i] != 0.0));
-            let news = sighted.contains(&true).then_some((&sighted[..n], &densities[..n]));
+            let news = any(sighted).then_some((&sighted[..n], &densities[..n]));
             odds.settle([present, log_odds], judged, news, dead);
         });
-        if !dead.contains(&true) {
+        if !any(dead) {
             return 0;
         }
         maps.lose(slot, dead);
@@ -381,5 +429,48 @@ impl Gain {
             }
             Self::Counted(log_odds) => log_odds,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::association::Identities;
+    use crate::config::Config;
+    use crate::random::{Purpose, RandomSource};
+
+    #[test]
+    fn views_narrowed_by_a_slope_show_what_directions_show() {
+        let maps = 37;
+        let mut config = Config::default();
+        config.filter.particles = maps as u32;
+        let mut landmarks = Landmarks::new(&config, Identities::None, 1.0, 3.0);
+        let stream = RandomSource::new(6).stream(Purpose::Motion, 0);
+        let (mut seen, mut unseen) = (0, 0);
+        for case in 0..400 {
+            let draw = |i: usize, k: u32| stream.uniform(case, 8 * i as u32 + k) - 0.5;
+            let column = |scale: f64, k: u32| (0..maps).map(|i| scale * draw(i, k)).collect::<Vec<_>>();
+            let half_width_rad = [0.1, 0.48, 1.2, 1.499, 1.501, 2.5, 4.0][case as usize % 7];
+            let view = View::around(0.05, 3.0, half_width_rad);
+            let mut poses = SensorPoses::default();
+            poses.set(&column(2.0, 0), &column(2.0, 1), &column(9.0, 2), Default::default());
+            let count = (0..maps).map(|i| if draw(i, 3) < -0.4 { 0.0 } else { 1.0 }).collect::<Vec<_>>();
+            let (x, y) = (column(8.0, 4), column(8.0, 5));
+            let rows = [count.clone(), x.clone(), y.clone(), vec![0.01; 3 * maps]].concat();
+            let slot = landmarks.insert(None, &rows, 0.0);
+            let mut in_view = vec![false; maps];
+            let mut memory = Default::default();
+            view.find_in_view(&mut landmarks, slot, &Eyes::of(&poses, &mut memory), &mut in_view);
+            for i in 0..maps {
+                let (dx, dy) = (x[i] - poses.x[i], y[i] - poses.y[i]);
+                let bearing = math::wrap_angle(math::atan2(dy, dx) - poses.heading[i]);
+                let range = dx.hypot(dy);
+                let expected = count[i] != 0.0 && (0.05..3.0).contains(&range) && bearing.abs() < half_width_rad;
+                assert_eq!(in_view[i], expected, "case {case}, map {i}");
+                *(if expected { &mut seen } else { &mut unseen }) += 1;
+            }
+            landmarks.remove(slot);
+        }
+        assert!(seen > 1000 && unseen > 1000, "{seen} {unseen}");
     }
 }

@@ -1,6 +1,7 @@
 //! The landmarks of all maps: the store with names, births and places.
 
 use super::appearance::Appearances;
+use super::believed::Existence;
 use super::fading::Fading;
 use crate::association::{Box2, Grid, Identities, ScanSighting};
 use crate::config::Config;
@@ -12,9 +13,6 @@ use crate::vector::{range, vectorized};
 use crate::workers::Workers;
 use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
-
-/// Columns of the existence store: whether the row counts, and the log-odds.
-pub(super) const EXISTENCE_COLUMNS: usize = 2;
 
 /// The density of landmarks is that among so many neighbours.
 const NEIGHBOURS: usize = 8;
@@ -41,7 +39,7 @@ pub struct Landmarks<const D: usize = 2> {
     store: Box<dyn LandmarkStore>,
     columns: usize,
     /// Log-odds of existence by slot; only kept when landmarks may be removed.
-    pub(super) existence: Option<Box<dyn LandmarkStore>>,
+    pub(super) existence: Option<Existence>,
     /// What landmarks look like by slot; only kept where it is configured.
     pub(super) appearances: Option<Appearances>,
     /// What speaks for and against them, where those fade that were never confirmed; a snapshot has it behind the rest.
@@ -56,6 +54,32 @@ pub struct Landmarks<const D: usize = 2> {
     grid: Option<Grid>,
     /// Widening of boxes: gate radius in standard deviations.
     gate_radius: f64,
+    /// How far the maps agree about landmarks, by slot; what is not known, as after a restored snapshot, may be anything.
+    #[serde(skip)]
+    spreads: Vec<Option<Spread>>,
+}
+
+/// Where the maps have a landmark.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Spread {
+    /// A box around its means.
+    means: Box2,
+    /// The largest trace of its covariances.
+    trace: f64,
+}
+
+impl Spread {
+    /// What the variance along an axis does not exceed, in any map nor as the mean over all: between the maps it is at most
+    /// the square of half the box.
+    fn variance(&self, axis: usize) -> f64 {
+        let half = 0.5 * (self.means.high[axis] - self.means.low[axis]);
+        self.trace + half * half
+    }
+
+    /// How far the two lie apart along an axis at least; negative where they may overlap.
+    fn gap(&self, other: &Self, axis: usize) -> f64 {
+        (self.means.low[axis] - other.means.high[axis]).max(other.means.low[axis] - self.means.high[axis])
+    }
 }
 
 impl<const D: usize> Landmarks<D> {
@@ -66,7 +90,7 @@ impl<const D: usize> Landmarks<D> {
         Self {
             store: kind.create(particles, columns),
             columns,
-            existence: (identities != Identities::All).then(|| kind.create(particles, EXISTENCE_COLUMNS)),
+            existence: (identities != Identities::All).then(|| Existence::new(kind, particles)),
             appearances: Appearances::new(kind, particles, &config.association),
             fading: Fading::of(config, identities),
             slots: Vec::new(),
@@ -75,6 +99,7 @@ impl<const D: usize> Landmarks<D> {
             of_identity: FxHashMap::default(),
             grid: (identities != Identities::All).then(|| Grid::new(cell_m)),
             gate_radius,
+            spreads: Vec::new(),
         }
     }
 
@@ -146,7 +171,8 @@ impl<const D: usize> Landmarks<D> {
             appearances.insert(slot);
         }
         let rows = Rows::new(values, self.store.particle_count());
-        place(&mut self.grid, slot, rows.column(Columns::<D>::SIGHTINGS), &position::<D>(&rows), self.gate_radius);
+        let spread = self.grid.is_some().then(|| spread::<D>(&rows));
+        self.place(slot, spread);
         slot
     }
 
@@ -210,6 +236,14 @@ impl<const D: usize> Landmarks<D> {
         self.store.read(slot)
     }
 
+    /// Prepares for several reads of a landmark, and of whether it exists, in this step and those that follow.
+    pub fn expect_reads(&mut self, slot: u32) {
+        self.store.expect_reads(slot);
+        if let Some(existence) = &mut self.existence {
+            existence.expect_reads(slot);
+        }
+    }
+
     /// Copies the rows of a landmark in particle order, column after column.
     pub fn copy_rows(&mut self, slot: u32, out: &mut [f64]) {
         self.store.copy_rows(slot, out);
@@ -256,21 +290,47 @@ impl<const D: usize> Landmarks<D> {
 
     /// Enters a landmark's place into the spatial index.
     fn update_place(&mut self, slot: u32) {
-        let Self { store, grid, gate_radius, .. } = self;
-        let rows = store.read(slot);
-        place(grid, slot, rows.column(Columns::<D>::SIGHTINGS), &position::<D>(&rows), *gate_radius);
+        let spread = spread::<D>(&self.store.read(slot));
+        self.place(slot, Some(spread));
+    }
+
+    /// Enters a landmark's box into the spatial index: all means, widened by the gate over the largest trace of a covariance
+    /// (which bounds its largest eigenvalue).
+    fn place(&mut self, slot: u32, spread: Option<Spread>) {
+        let (Some(grid), Some(Spread { means, trace })) = (&mut self.grid, spread) else { return };
+        if self.spreads.len() <= slot as usize {
+            self.spreads.resize(slot as usize + 1, None);
+        }
+        self.spreads[slot as usize] = spread;
+        if means == Box2::EMPTY {
+            grid.remove(slot);
+            return;
+        }
+        let margin = self.gate_radius * trace.sqrt();
+        grid.set(slot, Box2 { low: means.low.map(|v| v - margin), high: means.high.map(|v| v + margin) });
+    }
+
+    /// How far the maps agree about a landmark, where that is known.
+    fn spread(&self, slot: u32) -> Option<Spread> {
+        self.spreads.get(slot as usize).copied().flatten()
     }
 
     /// Whether the means of two landmarks lie in any maps within `gate` standard deviations of their difference, to which
     /// `tolerance` is added. Also true of some that do not.
     ///
-    /// **Why it is enough:** a standard deviation of one map is at most half a box over the gate that it was widened by;
-    /// one of the mean over the maps is wider by no more than the maps are apart.
+    /// **Why it is enough:** a squared Mahalanobis distance is no less than that along one axis, d² / s². Twice as much is
+    /// asked for, beside which rounding is nothing.
     pub fn may_touch(&self, [a, b]: [u32; 2], gate: f64, tolerance: f64) -> bool {
-        let Some(grid) = &self.grid else { return true };
-        let (a, b) = (grid.area(a), grid.area(b));
-        let std = |area: &Box2| area.size() * (0.5 / self.gate_radius + std::f64::consts::SQRT_2);
-        a.gap(&b) <= gate * (std(&a) + std(&b) + tolerance)
+        let (Some(a), Some(b)) = (self.spread(a), self.spread(b)) else { return true };
+        !(0..2).any(|axis| {
+            let (gap, variance) = (a.gap(&b, axis), a.variance(axis) + b.variance(axis) + tolerance * tolerance);
+            gap > 0.0 && gap * gap > 2.0 * gate * gate * variance
+        })
+    }
+
+    /// Whether the mean of a landmark lies in a region in any map. Also true of some of which none does.
+    pub fn may_lie_in(&self, slot: u32, region: &Box2) -> bool {
+        self.spread(slot).is_none_or(|spread| spread.means.overlaps(region))
     }
 
     /// Appends the landmarks that may lie in a region, in no particular order.
@@ -330,7 +390,7 @@ impl<const D: usize> Landmarks<D> {
     /// What the maps occupy.
     pub fn usage(&self) -> StoreUsage {
         let gaussians = self.store.usage();
-        let existence = self.existence.as_ref().map(|store| store.usage()).unwrap_or_default();
+        let existence = self.existence.as_ref().map(Existence::usage).unwrap_or_default();
         let looks = self.appearances.as_ref().map(Appearances::usage).unwrap_or_default();
         StoreUsage { rows: gaussians.rows, bytes: gaussians.bytes + existence.bytes + looks.bytes }
     }
@@ -360,18 +420,17 @@ fn position<'a, const D: usize>(rows: &Rows<'a>) -> [&'a [f64]; 4] {
     [columns[0][0], columns[1][0], columns[0][1], columns[1][1]].map(|c| rows.column(c))
 }
 
-/// Enters a landmark's box: all means, widened by the gate over the largest trace of a covariance (which bounds its
-/// largest eigenvalue).
-fn place(grid: &mut Option<Grid>, slot: u32, count: &[f64], [x, y, xx, yy]: &[&[f64]; 4], gate_radius: f64) {
-    let Some(grid) = grid else { return };
+/// How far the maps agree about the landmark of these rows.
+fn spread<const D: usize>(rows: &Rows<'_>) -> Spread {
+    let (count, [x, y, xx, yy]) = (rows.column(Columns::<D>::SIGHTINGS), position::<D>(rows));
     let n = count.len();
     let (x, y, xx, yy) = (&x[..n], &y[..n], &xx[..n], &yy[..n]);
-    let (area, trace) = vectorized(
+    vectorized(
         #[inline(always)]
         || {
             // Absent rows get a box that no minimum or maximum notices.
             let absent = (Box2::EMPTY.low, Box2::EMPTY.high);
-            let area = Box2::around(
+            let means = Box2::around(
                 n,
                 #[inline(always)]
                 |i| if count[i] != 0.0 { ([x[i], y[i]], [x[i], y[i]]) } else { absent },
@@ -381,15 +440,9 @@ fn place(grid: &mut Option<Grid>, slot: u32, count: &[f64], [x, y, xx, yy]: &[&[
                 #[inline(always)]
                 |i| if count[i] != 0.0 { xx[i] + yy[i] } else { 0.0 },
             );
-            (area, trace)
+            Spread { means, trace: trace.max(0.0) }
         },
-    );
-    if area == Box2::EMPTY {
-        grid.remove(slot);
-        return;
-    }
-    let margin = gate_radius * trace.max(0.0).sqrt();
-    grid.set(slot, Box2 { low: area.low.map(|v| v - margin), high: area.high.map(|v| v + margin) });
+    )
 }
 
 #[cfg(test)]

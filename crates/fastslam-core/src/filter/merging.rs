@@ -4,7 +4,8 @@
 //! found and reported once. Or one map holds two: given the path their Gaussians are independent, so that their product
 //! is what all sightings together say.
 
-use super::landmarks::{Landmarks, EXISTENCE_COLUMNS};
+use super::believed::EXISTENCE_COLUMNS;
+use super::landmarks::Landmarks;
 use super::merger::Merger;
 use super::setup::Settings;
 use super::state::{Maps, State};
@@ -13,10 +14,12 @@ use crate::association::{Decision, Merging};
 use crate::density::chi_squared_2;
 use crate::diagnosis::health::Watch;
 use crate::gaussian::{Gaussian, GaussianOf};
+use crate::geometry::Symmetric2;
 use crate::landmark::{column, Planar};
 use crate::smoothing::RARE;
 use crate::store::Rows;
-use std::cell::LazyCell;
+use crate::vector::any;
+use rustc_hash::FxHashMap;
 
 /// Duplicates are looked for in every so many steps.
 const PERIOD: u64 = 8;
@@ -80,11 +83,11 @@ impl<'a> Unions<'a> {
         let first_birth = correcting.first_birth;
         slots.retain(|slot| self.maps.landmarks.slot(*slot).is_some_and(|s| s.birth < first_birth));
         slots.sort_unstable_by_key(|slot| self.maps.landmarks.birth(*slot));
-        let mut merged = 0;
+        let (mut merged, mut copies) = (0, Copies::default());
         for (place, &younger) in slots.iter().enumerate() {
             for &older in &slots[..place] {
                 if [older, younger].iter().all(|slot| self.maps.landmarks.slot(*slot).is_some()) {
-                    merged += self.merge(older, younger);
+                    merged += self.merge([older, younger], &mut copies);
                 }
             }
         }
@@ -92,7 +95,7 @@ impl<'a> Unions<'a> {
     }
 
     /// Merges a landmark into an older one wherever both mean one thing; returns whether the best particle held both.
-    fn merge(&mut self, older: u32, younger: u32) -> u32 {
+    fn merge(&mut self, [older, younger]: [u32; 2], copies: &mut Copies) -> u32 {
         let landmarks = &mut *self.maps.landmarks;
         let gate = chi_squared_2(self.settings.gate_probability).sqrt();
         if !landmarks.may_touch([older, younger], gate, self.settings.tolerance_std_m) {
@@ -104,14 +107,9 @@ impl<'a> Unions<'a> {
             return 0;
         }
         let together = f64::from(self.merger.together(births[0], births[1]));
-        let sighted = landmarks.read(younger).column(column::SIGHTINGS);
-        if sighted.iter().all(|sightings| are_two(together, *sightings)) {
-            return 0;
-        }
         let (n, columns) = (self.maps.particles.len(), landmarks.columns());
-        let copy = |rows: Rows<'_>| (0..columns).map(|c| rows.column(c)).collect::<Vec<_>>().concat();
-        let (old, young) = (copy(landmarks.read(older)), copy(landmarks.read(younger)));
-        let (old, young) = (Rows::new(&old, n), Rows::new(&young, n));
+        let [old, young] = copies.of(landmarks, [older, younger]);
+        let (old, young) = (Rows::new(old, n), Rows::new(young, n));
         let Some(union) = self.union(&old, &young, together) else { return 0 };
         if !self.maps.is_fixed(older) {
             let unsure = self.settings.tolerance_std_m > 0.0;
@@ -126,6 +124,7 @@ impl<'a> Unions<'a> {
             });
         }
         self.settle([older, younger], &union);
+        copies.forget([older, younger]);
         u32::from(union.fused[self.maps.particles.best()])
     }
 
@@ -175,22 +174,69 @@ impl<'a> Unions<'a> {
         let tolerance = self.settings.tolerance_std_m * self.settings.tolerance_std_m;
         let has_names = self.maps.landmarks.columns() > column::IDENTITY;
         let named = |i: usize| has_names && young.column(column::IDENTITY)[i] != 0.0;
-        let elsewhere = LazyCell::new(|| average(old, n));
+        let near = near(old, young, tolerance, gate)?;
+        let [held, sightings] = [old, young].map(|rows| rows.column(column::SIGHTINGS));
         let mut union = Union { moved: vec![false; n], fused: vec![false; n] };
-        for i in (0..n).filter(|i| !named(*i)) {
-            let Some(b) = Planar::gaussian_in::<Gaussian>(young, i) else { continue };
-            let own = Planar::gaussian_in(old, i);
-            let Some(a) = own.or_else(|| *elsewhere) else { continue };
-            let sightings = young.column(column::SIGHTINGS)[i];
-            if are_two(together, sightings) {
-                continue;
-            }
-            if a.distance_squared(&b, tolerance) <= gate {
-                let target = if own.is_some() { &mut union.fused } else { &mut union.moved };
-                target[i] = true;
-            }
+        for i in (0..n).filter(|i| near[*i] && !named(*i) && !are_two(together, sightings[*i])) {
+            let target = if held[i] != 0.0 { &mut union.fused } else { &mut union.moved };
+            target[i] = true;
         }
-        (union.moved.contains(&true) || union.fused.contains(&true)).then_some(union)
+        (any(&union.moved) || any(&union.fused)).then_some(union)
+    }
+}
+
+/// The older of two landmarks as the maps that lack it have it, where they hold the younger: as the mean over those that hold
+/// it. Nothing lies near to what no map holds.
+fn elsewhere(old: &Rows<'_>, young: &Rows<'_>) -> Gaussian {
+    let (held, sighted) = (old.column(column::SIGHTINGS), young.column(column::SIGHTINGS));
+    let is_wanted = sighted.iter().zip(held).fold(false, |any, (young, old)| any | ((*young != 0.0) & (*old == 0.0)));
+    let nowhere = Gaussian { mean: [f64::NAN; 2], covariance: Symmetric2::new(0.0, 0.0, 0.0) };
+    is_wanted.then(|| average(old, held.len())).flatten().unwrap_or(nowhere)
+}
+
+/// In which maps two landmarks lie within the gate; `None` when in none.
+fn near(old: &Rows<'_>, young: &Rows<'_>, tolerance: f64, gate: f64) -> Option<Vec<bool>> {
+    let (lacked, n) = (elsewhere(old, young), old.column(column::SIGHTINGS).len());
+    let [held, x, y, xx, xy, yy] = planar(old);
+    let (held, x, y, xx, xy, yy) = (&held[..n], &x[..n], &y[..n], &xx[..n], &xy[..n], &yy[..n]);
+    let [sighted, px, py, pxx, pxy, pyy] = planar(young);
+    let (sighted, px, py, pxx, pxy, pyy) = (&sighted[..n], &px[..n], &py[..n], &pxx[..n], &pxy[..n], &pyy[..n]);
+    let is_near = |i: usize| {
+        let pick = |own: f64, other: f64| if held[i] != 0.0 { own } else { other };
+        let (mean, c) = (lacked.mean, lacked.covariance);
+        let older = Gaussian {
+            mean: [pick(x[i], mean[0]), pick(y[i], mean[1])],
+            covariance: Symmetric2::new(pick(xx[i], c.xx), pick(xy[i], c.xy), pick(yy[i], c.yy)),
+        };
+        let younger = Gaussian { mean: [px[i], py[i]], covariance: Symmetric2::new(pxx[i], pxy[i], pyy[i]) };
+        (sighted[i] != 0.0) & (older.distance_squared(&younger, tolerance) <= gate)
+    };
+    let near: Vec<bool> = (0..n).map(is_near).collect();
+    any(&near).then_some(near)
+}
+
+/// Sightings, means, and xx, xy, yy of the covariances.
+fn planar<'a>(rows: &Rows<'a>) -> [&'a [f64]; 6] {
+    use column::{COV_XX, COV_XY, COV_YY, MEAN_X, MEAN_Y, SIGHTINGS};
+    [SIGHTINGS, MEAN_X, MEAN_Y, COV_XX, COV_XY, COV_YY].map(|column| rows.column(column))
+}
+
+/// Rows of landmarks in particle order, copied once for all that they are compared with.
+#[derive(Default)]
+struct Copies(FxHashMap<u32, Vec<f64>>);
+
+impl Copies {
+    /// The rows of two landmarks.
+    fn of(&mut self, landmarks: &mut Landmarks, slots: [u32; 2]) -> [&[f64]; 2] {
+        for slot in slots {
+            self.0.entry(slot).or_insert_with(|| landmarks.read(slot).values().to_vec());
+        }
+        slots.map(|slot| self.0[&slot].as_slice())
+    }
+
+    /// What stood there is not so any more.
+    fn forget(&mut self, slots: [u32; 2]) {
+        slots.iter().for_each(|slot| drop(self.0.remove(slot)));
     }
 }
 
@@ -204,14 +250,14 @@ fn merge_existence(landmarks: &mut Landmarks, [older, younger]: [u32; 2], touche
     let n = touched.len();
     let Some(store) = &mut landmarks.existence else { return };
     let young = store.read(younger).column(1).to_vec();
-    store.update(older, Some(touched), &mut |rows| {
+    store.update(older, touched, &mut |rows| {
         let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
         for i in (0..n).filter(|i| touched[*i]) {
             log_odds[i] = if present[i] == 0.0 { young[i] } else { log_odds[i].max(young[i]) };
             present[i] = 1.0;
         }
     });
-    store.update(younger, Some(touched), &mut |rows| {
+    store.update(younger, touched, &mut |rows| {
         let [present, log_odds] = rows.columns::<EXISTENCE_COLUMNS>();
         (0..n).filter(|i| touched[*i]).for_each(|i| (present[i], log_odds[i]) = (0.0, 0.0));
     });

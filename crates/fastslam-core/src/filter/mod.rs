@@ -8,6 +8,7 @@ mod appearance;
 mod associate;
 mod beginning;
 mod beliefs;
+mod believed;
 mod beside;
 mod correct;
 mod doubtful;

@@ -103,8 +103,6 @@ pub(super) struct Associating {
     pub doubtful: Vec<Vec<u32>>,
     /// How well the candidates fit.
     pub fits: FitTable,
-    /// Odds that they are sighted, as logarithms: one number per particle, for each in turn.
-    pub odds: Vec<f64>,
     pub deciding: PerThread<(fast::Workspace, Scratch)>,
     /// What each particle decided about the scan, an equal share each.
     pub decisions: Vec<Decision>,
@@ -166,6 +164,8 @@ pub(super) struct Judging {
     pub looks: Vec<Look>,
     pub row: Vec<f64>,
     pub dead: Vec<bool>,
+    /// Sine and cosine of the directions in which the sensors look.
+    pub directions: [Vec<f64>; 2],
 }
 
 /// What a scan says about a landmark in every map.

@@ -18,7 +18,11 @@ use crate::geometry::{Pose, Symmetric2};
 use crate::measurement::Placing;
 pub use crate::sighting::Measured;
 use crate::store::RowsMut;
-use crate::vector::vectorized;
+use crate::vector::{any, vectorized};
+use std::ops::Range;
+
+/// Particles that are corrected together or left out together: whole vectors of any width.
+const GROUP: usize = 16;
 
 /// The columns of the plane by name, for its kernels.
 pub mod column {
@@ -150,14 +154,16 @@ pub struct Correction<'a, M> {
 
 impl<M: Placing> Correction<'_, M> {
     /// [`correct_rows`] for the particles from number `first` on, whose columns these are.
-    pub fn apply(&self, first: usize, rows: [&mut [f64]; column::COUNT], log_likelihood: &mut [f64]) -> u32 {
-        match self.mask {
-            None => self.correct_apart(first, rows, |_| true, log_likelihood),
-            Some(mask) => {
-                let mask = &mask[first..][..log_likelihood.len()];
-                self.correct_apart(first, rows, |i| mask[i], log_likelihood)
-            }
+    pub fn apply(&self, first: usize, mut rows: [&mut [f64]; column::COUNT], log_likelihood: &mut [f64]) -> u32 {
+        let Some(mask) = self.mask else { return self.correct_apart(first, rows, |_| true, log_likelihood) };
+        let mask = &mask[first..][..log_likelihood.len()];
+        let mut repaired = 0;
+        for run in runs(mask) {
+            let (mask, log_likelihood) = (&mask[run.clone()], &mut log_likelihood[run.clone()]);
+            let rows = rows.each_mut().map(|column| &mut column[run.clone()]);
+            repaired += self.correct_apart(first + run.start, rows, |i| mask[i], log_likelihood);
         }
+        repaired
     }
 
     #[inline(always)]
@@ -211,6 +217,22 @@ impl<M: Placing> Correction<'_, M> {
         }
         repaired as u32
     }
+}
+
+/// Runs of particles of which the mask marks some, with few others: whole groups of [`GROUP`].
+fn runs(mask: &[bool]) -> impl Iterator<Item = Range<usize>> + '_ {
+    let group = |begin: usize| begin..(begin + GROUP).min(mask.len());
+    let mut next = 0;
+    std::iter::from_fn(move || {
+        while next < mask.len() && !any(&mask[group(next)]) {
+            next += GROUP;
+        }
+        let first = next;
+        while next < mask.len() && any(&mask[group(next)]) {
+            next += GROUP;
+        }
+        (first < mask.len()).then(|| first..next.min(mask.len()))
+    })
 }
 
 /// The rows of a new landmark in all maps (those in `mask`; absent in the others), columns one after the other.
@@ -273,6 +295,21 @@ mod tests {
     use crate::measurement::{MeasurementModel, RangeBearing};
 
     const MODEL: RangeBearing = RangeBearing { range_std_m: 0.2, bearing_std_rad: 0.05 };
+
+    #[test]
+    fn runs_hold_all_that_is_marked_and_no_group_without() {
+        for case in 0..500_usize {
+            let n = case % 70;
+            let mask: Vec<bool> = (0..n).map(|i| (i * 7 + case * 13) % 29 < case % 5).collect();
+            let mut held = vec![false; n];
+            for run in runs(&mask) {
+                assert!(run.start % GROUP == 0 && (run.end % GROUP == 0 || run.end == n));
+                assert!(mask[run.clone()].chunks(GROUP).all(any));
+                held[run].iter_mut().for_each(|held| *held = !*held);
+            }
+            assert!((0..n).all(|i| held[i] || !mask[i]), "case {case}");
+        }
+    }
 
     #[test]
     fn a_covariance_that_loses_definiteness_is_repaired_and_counted() {

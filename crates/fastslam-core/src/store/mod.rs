@@ -58,6 +58,11 @@ impl<'a> Rows<'a> {
         &self.values[index * self.rows..(index + 1) * self.rows]
     }
 
+    /// All columns, one after the other.
+    pub fn values(&self) -> &'a [f64] {
+        self.values
+    }
+
     /// Whether every number is one, and at most `limit`.
     pub fn is_within(&self, limit: f64) -> bool {
         self.values.iter().all(|value| value.abs() <= limit)
@@ -132,6 +137,9 @@ pub trait LandmarkStore: Send + Sync {
     fn copy_rows(&mut self, slot: u32, out: &mut [f64]) {
         out.copy_from_slice(self.read(slot).values);
     }
+
+    /// Prepares for several reads of a landmark before the next resampling; changes nothing of what they give.
+    fn expect_reads(&mut self, _slot: u32) {}
 
     /// The numbers of one particle's landmark; false when it is absent.
     fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool;

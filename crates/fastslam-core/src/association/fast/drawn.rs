@@ -11,7 +11,7 @@ pub(super) struct Drawn {
     pub weights: Vec<Column>,
     /// h, the highest of the log-likelihoods.
     highest: Column,
-    /// Sum of the weights, that of something which the map lacks included.
+    /// Sum of the weights, that of something which the map lacks included; then the log-likelihood of all explanations.
     total: Column,
     /// A uniform number; then how much of the total is left to go through.
     pub left: Column,
@@ -39,7 +39,10 @@ impl Drawn {
         best.place = [-1.0; BLOCK];
         for i in 0..width {
             left[i] *= total[i];
-            log_likelihood[i] += exponent * (highest[i] + math::ln(total[i]));
+            total[i] = highest[i] + math::ln(total[i]);
+        }
+        for i in 0..width {
+            log_likelihood[i] += exponent * total[i];
         }
         for (place, weights) in weights.iter().enumerate() {
             for i in 0..width {

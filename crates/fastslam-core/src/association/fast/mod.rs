@@ -183,11 +183,10 @@ impl<'b, M: Placing> Block<'_, 'b, M> {
             pairs.extend_from_slice(candidates);
         }
         first_pair.push(pairs.len() as u32);
-        evidence.clear();
-        for column in (0..pairs.len()).map_while(|pair| self.question.evidence.of(pair)) {
-            let mut own = ZERO;
+        let speaks = &self.question.evidence;
+        evidence.resize(if speaks.of(0).is_some() { pairs.len() } else { 0 }, ZERO);
+        for (own, column) in evidence.iter_mut().zip((0..pairs.len()).map_while(|pair| speaks.of(pair))) {
             own[..count].copy_from_slice(&column[first..][..count]);
-            evidence.push(own);
         }
     }
 

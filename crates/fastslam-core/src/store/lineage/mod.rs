@@ -19,6 +19,8 @@ const ROWS_PERCENT: usize = 118;
 const DEAD_ALWAYS: usize = 6;
 /// Deaths are not counted further where they cannot make up more than one in so many rows.
 const DEATHS_COUNTED: usize = 128;
+/// Up to so many particles, rows that are read several times are put in particle order first; more would fill the caches.
+const FEW: usize = 1024;
 /// What a resampling and what a touch may prune, in landmarks with all their rows.
 const PRUNED_AT_ONCE: [usize; 2] = [32, 1];
 
@@ -390,6 +392,18 @@ impl LandmarkStore for LineageStore {
         let length = self.length(level);
         let lineages = if length == self.columns { &[] } else { self.chain.map(level) };
         gather(&self.workers, self.values.get(place, length), out, lineages);
+    }
+
+    fn expect_reads(&mut self, slot: u32) {
+        let level = self.block(slot).level;
+        let particles = self.chain.particles();
+        // One row for all is kept as it is: it is no dearer to read.
+        if level == NONE || particles > FEW || self.chain.rows(level) == 1 || self.chain.in_particle_order(level) {
+            return;
+        }
+        let level = self.chain.stamp();
+        self.rebase(slot, level, Through::Map);
+        self.prune(PRUNED_AT_ONCE[1]);
     }
 
     fn read_row(&self, slot: u32, particle: usize, out: &mut [f64]) -> bool {
