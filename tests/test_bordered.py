@@ -6,7 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fastslam._bordered import GAUGE, PARAMETERS, SURVEY_STD_M, Batch, clustered, moved_by, rows_of, solved
+from fastslam._bordered import (
+    GAUGE,
+    PARAMETERS,
+    SURVEY_STD_M,
+    Batch,
+    carried_by,
+    clustered,
+    moved_by,
+    rows_of,
+    solved,
+)
 from fastslam.datasets.planar import wrap_to_pi
 from fastslam.errors import NumericalError
 from fastslam.log import Floats
@@ -105,6 +115,34 @@ def test_step_covariance_influence_and_response_are_those_of_dense_equations(sur
     moved = rows_of(moved_by(batch, unknowns, parameters[OF_MOTION:]))
     expected = residuals(batch, np.concatenate([unknowns, parameters]))
     np.testing.assert_allclose(np.append(moved.seen, moved.moved), expected, atol=1e-9)
+
+
+def test_a_small_step_carries_as_it_moves() -> None:
+    batch, random = batch_of(surveyed=False), np.random.default_rng(6)
+    unknowns = 1e-4 * random.normal(size=3 * POSES + 2 * LANDMARKS)
+    parameters = np.arange(5.0)
+    carried, moved = (by(batch, unknowns, parameters) for by in (carried_by, moved_by))
+    # What is of second order, over six poses of metres.
+    np.testing.assert_allclose(carried.poses, moved.poses, atol=1e-6)
+    np.testing.assert_allclose(carried.landmarks_m, moved.landmarks_m, atol=1e-6)
+    np.testing.assert_array_equal(carried.parameters, moved.parameters)
+
+
+def test_a_turn_carries_all_that_comes_after_without_bending_it() -> None:
+    batch = batch_of(surveyed=False)
+    batch = replace(batch, pose=np.full(len(batch.pose), 2))
+    turn = 1.0
+    turned_m = turn * (batch.poses[2:, :2] - batch.poses[2, :2])[:, ::-1] * [-1.0, 1.0]
+    shifted_m = turn * (batch.landmarks_m - batch.poses[2, :2])[:, ::-1] * [-1.0, 1.0]
+    steps = np.zeros_like(batch.poses)
+    steps[2:] = np.column_stack([turned_m, np.full(len(turned_m), turn)])
+    carried = carried_by(batch, np.concatenate([steps.ravel(), shifted_m.ravel()]), np.zeros(5))
+    turning = np.exp(1j * turn)
+    middle = complex(*batch.poses[2, :2])
+    for before, after in ((batch.poses[2:], carried.poses[2:]), (batch.landmarks_m, carried.landmarks_m)):
+        expected = middle + turning * (before[:, 0] + 1j * before[:, 1] - middle)
+        np.testing.assert_allclose(after[:, 0] + 1j * after[:, 1], expected, atol=1e-12)
+    np.testing.assert_allclose(carried.poses[:2], batch.poses[:2], atol=1e-12)
 
 
 def test_scores_that_agree_within_stretches_widen_the_covariance() -> None:

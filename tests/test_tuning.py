@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_runner import fastslam
+from fastslam._bordered import BLOCKS
 from fastslam.cli.tune import sentences_of, show_tuning
 from fastslam.config import Config, load_config, merge
 from fastslam.datasets import write_native
@@ -18,13 +19,24 @@ from fastslam.runner import configure, run
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.tuning import Tuning, tune
 from fastslam.tuning.judge import SOUND, evidence, judged, log_new_density
-from fastslam.tuning.learn import LASER_SCALE_STD, SCALE, SENSOR_KNOWN, Value, blamed, wide_noise
+from fastslam.tuning.learn import (
+    LASER_SCALE_STD,
+    SCALE,
+    SENSOR_KNOWN,
+    Learned,
+    Value,
+    _repeats,
+    blamed,
+    of_the_odometry,
+    wide_noise,
+)
 from fastslam.tuning.motion import DISTANCE as DISTANCE_GAIN
-from fastslam.tuning.motion import motion_parameters
+from fastslam.tuning.motion import motion_parameters, nested
 from fastslam.tuning.noise import _log_likelihood
-from fastslam.tuning.problem import DRAWS, linearised
+from fastslam.tuning.problem import DRAWS, linearised, moved_by
 from fastslam.tuning.session import _Session
 
+BIAS = "sensor.range_bias_m"
 TURN, DISTANCE, DELAY_S = 0.65, 1.06, 0.3
 UNKNOWN = {"association": {"mode": "unknown"}, "filter": {"particles": 15}}
 
@@ -166,6 +178,40 @@ def test_draws_follow_the_rows_as_far_as_the_solution_does(sound: Log) -> None:
     assert np.all(exact > 0) and np.all(exact < 1) and np.ptp(exact) > 0.1
     # The standard error of a variance from n draws is its root of 2 / n. Four of them: a false alarm in 400.
     assert np.all(np.abs(shares[rows] / exact - 1) < 4 * np.sqrt(2 / (times * DRAWS)))
+
+
+@pytest.mark.parametrize("lasting", [False, True])
+def test_errors_that_last_leave_parameters_less_sure(sound: Log, lasting: bool) -> None:
+    """A bias of ranges that changes from tenth to tenth of the log, or none."""
+    log = sound
+    if lasting:
+        seen = log.sightings
+        tenth = (seen.stamp_s - seen.stamp_s[0]) / np.ptp(seen.stamp_s) * BLOCKS
+        bias_m = 0.3 * np.where(tenth.astype(int) % 2, 1.0, -1.0)
+        log = replace(log, sightings=replace(seen, range_m=seen.range_m + bias_m))
+    session = _Session(log, configure(log, UNKNOWN), UNKNOWN, None)
+    problem, noise = session.problem_from_tracks()
+    rows = linearised(problem, noise)
+    problem = moved_by(problem, *rows.solver.step())
+    rows = linearised(problem, noise)
+    repeats = _repeats(problem, rows, rows.solver.followed(np.random.default_rng(0)))
+    bias = [one.key for one in (*motion_parameters(session.config["motion"]), *SENSOR_KNOWN)].index(BIAS)
+    # Of noise that is told too large by half or more stretches disagree by less than rows would.
+    assert (repeats[bias] > 1.5) == lasting
+    assert problem.weighed_std[bias] == problem.prior_std[bias]
+    assert replace(problem, repeats=repeats).weighed_std[bias] == problem.prior_std[bias] / repeats[bias]
+
+
+def test_under_a_wide_noise_the_sensor_itself_is_as_stated() -> None:
+    values = tuple(Value(key, "", 1.0, 1.2, 0.01) for key in (DISTANCE_GAIN, "sensor.delay_s", BIAS))
+    settings = merge(*(nested(value.key, 1.2) for value in values), {"sensor": {"range_std_m": 0.3}})
+    learned = Learned(values, merge(settings, {"sensor": {"tail_degrees_of_freedom": 4.0}}), 900, 30, 2.0)
+    left = of_the_odometry(learned)
+    assert left.values == values[:2]
+    assert left.settings == {
+        "motion": {"correction": {"distance_gain": 1.2}},
+        "sensor": {"delay_s": 1.2, "tail_degrees_of_freedom": 4.0},
+    }
 
 
 def test_the_tail_likelihood_is_highest_at_the_true_degrees_of_freedom() -> None:

@@ -110,14 +110,19 @@ def clustered(batch: Batch, influence: Floats, covariance: Floats) -> Floats:
     stretches of time (Huber 1967; Liang and Zeger 1986). Never less than `covariance`, what independent
     errors would give. `influence` (R, N + 5) is what each row does to the parameters.
     """
+    ratio = np.sqrt(np.maximum(scattered(batch, influence) / np.diag(covariance), 1.0))
+    widened: Floats = covariance * ratio[:, None] * ratio
+    return widened
+
+
+def scattered(batch: Batch, influence: Floats) -> Floats:
+    """Variance (N + 5,) of the parameters by how much stretches of the log disagree, as in `clustered`."""
     poses = len(batch.poses)
     pose = np.concatenate([np.repeat(batch.pose, 2), np.repeat(np.arange(poses - 1), 3)])
     sums = np.zeros((BLOCKS, influence.shape[1]))
     np.add.at(sums, pose * BLOCKS // poses, influence)
-    scattered = sums.T @ sums * (BLOCKS / (BLOCKS - 1))
-    ratio = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
-    widened: Floats = covariance * ratio[:, None] * ratio
-    return widened
+    variance: Floats = np.sum(sums**2, axis=0) * (BLOCKS / (BLOCKS - 1))
+    return variance
 
 
 def moved_by(batch: Batch, unknowns: Floats, parameters: Floats) -> Batch:
@@ -129,3 +134,35 @@ def moved_by(batch: Batch, unknowns: Floats, parameters: Floats) -> Batch:
         landmarks_m=batch.landmarks_m + unknowns[poses:].reshape(-1, 2),
         parameters=batch.parameters + parameters,
     )
+
+
+def carried_by(batch: Batch, unknowns: Floats, parameters: Floats) -> Batch:
+    """As `moved_by`, but what is linear in the step is each move from pose to pose, and each landmark seen
+    from the first pose that saw it: a path that turns otherwise carries all that comes after along, however
+    far. Every landmark must have been seen."""
+    poses = batch.poses
+    steps = unknowns[: poses.size].reshape(-1, 3)
+    step_m = unknowns[poses.size :].reshape(-1, 2)
+    first = np.unique(batch.landmark, return_index=True)[1]
+    at = batch.pose[first]
+    heading, turned = poses[:, 2], steps[:, 2]
+    way = _seen_from(heading[:-1], turned[:-1], np.diff(poses[:, :2], axis=0), np.diff(steps[:, :2], axis=0))
+    seen = _seen_from(heading[at], turned[at], batch.landmarks_m - poses[at, :2], step_m - steps[at, :2])
+    moved = np.empty_like(poses)
+    moved[:, 2] = heading + turned
+    moved[0, :2] = poses[0, :2] + steps[0, :2]
+    moved[1:, :2] = moved[0, :2] + np.cumsum(_turned(way, moved[:-1, 2]), axis=0)
+    landmarks_m = moved[at, :2] + _turned(seen, moved[at, 2])
+    return replace(batch, poses=moved, landmarks_m=landmarks_m, parameters=batch.parameters + parameters)
+
+
+def _seen_from(heading: Floats, turned: Floats, away_m: Floats, step_m: Floats) -> Floats:
+    """What lies away (n, 2) as seen from poses of headings (n,), after a step by which both move."""
+    seen, step = _turned(away_m, -heading), _turned(step_m, -heading)
+    return seen + step + turned[:, None] * np.column_stack([seen[:, 1], -seen[:, 0]])
+
+
+def _turned(points_m: Floats, angle: Floats) -> Floats:
+    cos, sin = np.cos(angle), np.sin(angle)
+    x, y = points_m.T
+    return np.column_stack([cos * x - sin * y, sin * x + cos * y])

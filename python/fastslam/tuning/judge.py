@@ -21,8 +21,11 @@ MOST_LOST = 0.2
 MOST_UNEXPLAINED = 0.5
 """A map of which more of the sightings show nothing is none."""
 FEWER = 0.9
+"""A map of less than this share of the landmarks is the simpler one."""
 AS_MUCH = 0.02
-"""A map of less than this share of the landmarks is the better if it explains but so much less of the log."""
+"""It is the better if it explains but so much less of the log,"""
+OWN_SHARE = 0.2
+"""or so little of what the landmarks that it lacks would explain if they did as much as those on average."""
 OF_THE_MAP = (LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED)
 """What speaks against a map whatever its noise; innovations speak against the noise."""
 WORTHLESS = 4.0
@@ -81,8 +84,13 @@ class Judgement:
         return SOUND if self.doubt is None else int(self.fault is None)
 
     def is_simpler(self, other: Judgement) -> bool:
-        """Whether clearly fewer landmarks explain as much: those that the other has more are there twice."""
-        return self.landmarks < FEWER * other.landmarks and self.explains_as_much_as(other)
+        """Whether clearly fewer landmarks explain nearly as much: what the other has more is there twice.
+
+        Landmarks that are there twice explain next to nothing that the others do not.
+        """
+        fewer = 1.0 - self.landmarks / max(other.landmarks, 1)
+        lost = other.explained - self.explained
+        return fewer > 1.0 - FEWER and lost < max(AS_MUCH, OWN_SHARE * fewer)
 
     def explains_as_much_as(self, other: Judgement) -> bool:
         """Whether as many sightings lie near the landmarks as near those of another map."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._bordered import Batch, clustered
+from .._bordered import Batch, scattered
 from ..config import merge
 from ..datasets.clean import select_sightings
 from ..dead_reckoning import DeadReckoning
@@ -27,7 +27,7 @@ from .motion import (
     value_of,
 )
 from .noise import correlation_of, fitted_tail, learned_noise
-from .problem import Noise, Problem, Rows, linearised, moved_by
+from .problem import Noise, Problem, Rows, cost_of, linearised, moved_by
 
 SCALE = "sensor.range_scale"
 SENSOR_KNOWN = (
@@ -54,10 +54,14 @@ WIDER = (1.0, 2.0, 3.0)
 WIDER_MOTION = 3.0
 """So many times as wide as what learning begins with is the noise of a motion that loops are closed under."""
 NOISES = ("range_std_m", "bearing_std_rad")
-LARGEST_STEP = 0.5
+HALVINGS = 6
+"""So often a step is made shorter that explains less."""
+COSTS_NOTHING = 0.1
 SETTLED = 0.02
+LINEAR = 0.01
+"""Steps within this share of a prior's deviation leave the motion as linear as it was."""
 STRAIGHT = 0.1
-"""Steps within this share of a prior's deviation leave the derivatives of the motion as they are."""
+"""And within this one its derivatives as they are."""
 LEAST_GAIN = 0.25
 WITHIN_A_ROW = 0.3
 """A delay is told to this share of a row of odometry at best: a shift by half a row averages the noise of two
@@ -231,13 +235,27 @@ def _judged(
 ) -> tuple[Value, ...]:
     """The parameters of a solution with their standard errors."""
     problem, noise = solution
-    solver = linearised(problem, noise).solver
-    followed = solver.followed(np.random.default_rng(0))
-    influence = solver.influence() * (solver.residuals / np.sqrt(np.maximum(1 - followed, 0.1)))[:, None]
-    error = np.sqrt(np.diag(clustered(problem.batch, influence, solver.covariance)))
+    rows = linearised(problem, noise)
+    followed = rows.solver.followed(np.random.default_rng(0))
+    error = np.sqrt(np.diag(rows.solver.covariance)) * _repeats(problem, rows, followed)
     delay = [one.key for one in known].index(DELAY)
     error[delay] = np.hypot(error[delay], WITHIN_A_ROW * float(np.median(np.diff(log.controls.stamp_s))))
     return _values(known, before, before - (problem.prior - problem.parameters), error, problem.prior_std)
+
+
+def _repeats(problem: Problem, rows: Rows, followed: Floats) -> Floats:
+    """How many times as uncertain (N + 5,) the parameters are as if no error of a row repeated; 1 or more.
+
+    By how much stretches of the log disagree, over how much they would: what the rows alone say, the prior
+    left out.
+    """
+    solver, free = rows.solver, problem.prior_std > 0
+    influence = solver.influence() * (solver.residuals / np.sqrt(np.maximum(1 - followed, 0.1)))[:, None]
+    covariance = solver.covariance[np.ix_(free, free)]
+    alone = np.diag(covariance) - np.sum((covariance / problem.weighed_std[free]) ** 2, axis=1)
+    repeats = np.ones(len(free))
+    repeats[free] = np.sqrt(np.maximum(scattered(problem.batch, influence)[free] / alone, 1.0))
+    return repeats
 
 
 def _holding(problem: Problem, held: Any) -> Problem:
@@ -258,20 +276,32 @@ def _settled(
     noise = noise or start
     for iteration in range(ITERATIONS):
         rows = linearised(problem, noise)
-        unknowns, parameters = rows.solver.step()
-        size = max(float(np.abs(unknowns).max()), float(np.abs(parameters).max()))
-        shorter = min(1.0, LARGEST_STEP / max(size, 1e-12))
-        problem = moved_by(problem, shorter * unknowns, shorter * parameters)
+        problem, shorter = _stepped(problem, noise, rows)
         followed = rows.solver.followed(np.random.default_rng(0))
         # Far from the solution residuals say nothing of noise.
         newer = learned_noise(problem, rows, followed, noise, start) if shorter > 0.5 else noise
+        problem = replace(problem, repeats=_repeats(problem, rows, followed))
         change = np.abs(np.log(np.concatenate([newer.seen / noise.seen, newer.squares / noise.squares])))
         noise = replace(newer, tail=fitted_tail(rows, followed)) if iteration >= TAIL_FROM else newer
-        far = np.any(np.abs(problem.motion) > STRAIGHT * problem.prior_std[: len(problem.motion)])
-        config, problem = _relinked(log, config, problem, stretch, anew=bool(far))
+        std = problem.prior_std[: len(problem.motion)]
+        if np.any(np.abs(problem.motion) > LINEAR * std):
+            far = np.any(np.abs(problem.motion) > STRAIGHT * std)
+            config, problem = _relinked(log, config, problem, stretch, anew=bool(far))
         if iteration > TAIL_FROM + 2 and shorter == 1.0 and float(change.max()) < SETTLED:
             break
     return *_relinked(log, config, problem, stretch, anew=True), noise
+
+
+def _stepped(problem: Problem, noise: Noise, rows: Rows) -> tuple[Problem, float]:
+    """The problem a step further, and the share of the step that it took: all of it, if that is no worse."""
+    unknowns, parameters = rows.solver.step()
+    before, shorter = cost_of(problem, noise), 1.0
+    for _ in range(HALVINGS):
+        moved = moved_by(problem, shorter * unknowns, shorter * parameters)
+        if cost_of(moved, noise) <= before + COSTS_NOTHING:
+            return moved, shorter
+        shorter *= 0.5
+    return moved_by(problem, shorter * unknowns, shorter * parameters), shorter
 
 
 def problem_of(
@@ -299,7 +329,8 @@ def problem_of(
     )
     motion = np.zeros(len(known) - len(SENSOR_KNOWN))
     axes = np.array([part.axis for part in noise_parts(log.controls, config["motion"])])
-    return Problem(batch, tied, axes, stretch.joined, motion, np.concatenate([motion, parameters]), prior_std)
+    prior = np.concatenate([motion, parameters])
+    return Problem(batch, tied, axes, stretch.joined, motion, prior, prior_std, np.ones(len(known)))
 
 
 def _relinked(
@@ -355,6 +386,21 @@ def _learned(
         sightings=len(stretch.track),
         tracks=int(stretch.track.max()) + 1,
         correlation=correlation_of(rows, stretch.track, stretch.sightings.stamp_s),
+    )
+
+
+def of_the_odometry(learned: Learned) -> Learned:
+    """What was learned without the errors of the sensor itself: its mounting, and its ranges' bias and scale.
+
+    A wide noise covers them, and short tracks tell them badly: an error of the sensor that lasts as long as a
+    track looks like a mounting. Nothing covers the odometry's errors or a delay.
+    """
+    left = {known.key for known in SENSOR_KNOWN}
+    values = tuple(value for value in learned.values if value.key not in left)
+    told = [nested(value.key, _short(value.value)) for value in values if value.significant]
+    tail = learned.settings["sensor"]["tail_degrees_of_freedom"]
+    return replace(
+        learned, values=values, settings=merge(*told, nested("sensor.tail_degrees_of_freedom", tail))
     )
 
 

@@ -39,7 +39,8 @@ class Problem:
     `batch` holds poses, landmarks, sightings and the five sensor parameters; `links` the odometry; `axes`
     (P,) the axis of each part of the noise; `joined` (K - 1,) says where odometry leads on; `motion` (N,) are
     the motion parameters less those at which `links` was computed. `prior_std` (N + 5,) and `prior` (N + 5,)
-    hold motion parameters first; a `prior_std` of 0 holds a parameter where it is.
+    hold motion parameters first; a `prior_std` of 0 holds a parameter where it is. `repeats` (N + 5,) is how
+    many times as uncertain rows whose errors repeat leave each parameter as rows that err independently.
     """
 
     batch: Batch
@@ -49,11 +50,17 @@ class Problem:
     motion: Floats
     prior: Floats
     prior_std: Floats
+    repeats: Floats
 
     @property
     def parameters(self) -> Floats:
         """Motion parameters (as differences), then those of the sensor."""
         return np.concatenate([self.motion, self.batch.parameters])
+
+    @property
+    def weighed_std(self) -> Floats:
+        """Deviations of the prior (N + 5,), narrower where the rows tell less than they seem to."""
+        return self.prior_std / self.repeats
 
 
 @dataclass(frozen=True)
@@ -74,7 +81,7 @@ class Solver:
     def __init__(self, problem: Problem, rows: bordered.Rows, whitening: tuple[Floats, Floats]) -> None:
         missing = problem.prior - problem.parameters
         self._core = bordered.solved(
-            problem.batch, rows, whitening=whitening, missing=missing, prior_std=problem.prior_std
+            problem.batch, rows, whitening=whitening, missing=missing, prior_std=problem.weighed_std
         )
         self._unknowns = 3 * len(problem.batch.poses) + 2 * len(problem.batch.landmarks_m)
         self.residuals = self._core.residuals()
@@ -118,14 +125,10 @@ def tail_weights(squared: Floats, tail: float | None) -> Floats:
 
 def linearised(problem: Problem, noise: Noise) -> Rows:
     """The rows of the problem at its present solution."""
-    links = problem.links
-    batch = replace(problem.batch, motion=problem.batch.motion + links.by_parameter @ problem.motion)
-    rows = bordered.rows_of(batch, links.by_parameter)
+    rows, variance, root = _unweighed(problem, noise)
     std = np.sqrt(noise.seen)
     weights = tail_weights(np.sum((rows.seen / std) ** 2, axis=1), noise.tail)
     whiten = np.sqrt(weights)[:, None] / std
-    variance = variance_of_links(problem, noise)
-    root = _middle(links.motion) / np.sqrt(variance)[:, :, None]
     solver = Solver(problem, rows, (whiten, root))
     return Rows(
         seen=rows.seen * whiten,
@@ -134,6 +137,27 @@ def linearised(problem: Problem, noise: Noise) -> Rows:
         variance=variance,
         solver=solver,
     )
+
+
+def cost_of(problem: Problem, noise: Noise) -> float:
+    """What the least-squares problem makes least: minus the log of the posterior, but for a constant."""
+    rows, _, root = _unweighed(problem, noise)
+    squared = np.sum(rows.seen**2 / noise.seen, axis=1)
+    tail = noise.tail
+    seen = squared if tail is None else (tail + 2) * np.log1p(squared / tail)
+    free = problem.prior_std > 0
+    missing = (problem.prior - problem.parameters)[free] / problem.weighed_std[free]
+    moved = np.einsum("kij,kj->ki", root, rows.moved)
+    return 0.5 * float(seen.sum() + np.sum(moved**2) + np.sum(missing**2))
+
+
+def _unweighed(problem: Problem, noise: Noise) -> tuple[bordered.Rows, Floats, Floats]:
+    """The rows, the variance (K - 1, 3) of the motion, and roots (K - 1, 3, 3) of its precision."""
+    links = problem.links
+    batch = replace(problem.batch, motion=problem.batch.motion + links.by_parameter @ problem.motion)
+    variance = variance_of_links(problem, noise)
+    root = _middle(links.motion) / np.sqrt(variance)[:, :, None]
+    return bordered.rows_of(batch, links.by_parameter), variance, root
 
 
 def _middle(motion: Floats) -> Floats:
@@ -146,5 +170,5 @@ def _middle(motion: Floats) -> Floats:
 def moved_by(problem: Problem, unknowns: Floats, parameters: Floats) -> Problem:
     """The problem with its solution a step further."""
     count = len(problem.motion)
-    moved = bordered.moved_by(problem.batch, unknowns, parameters[count:])
+    moved = bordered.carried_by(problem.batch, unknowns, parameters[count:])
     return replace(problem, batch=moved, motion=problem.motion + parameters[:count])
