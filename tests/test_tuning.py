@@ -27,7 +27,7 @@ from fastslam.tuning.learn import (
     Value,
     _repeats,
     blamed,
-    of_the_odometry,
+    of_turns_and_delay,
     wide_noise,
 )
 from fastslam.tuning.motion import DISTANCE as DISTANCE_GAIN
@@ -202,14 +202,15 @@ def test_errors_that_last_leave_parameters_less_sure(sound: Log, lasting: bool) 
     assert replace(problem, repeats=repeats).weighed_std[bias] == problem.prior_std[bias] / repeats[bias]
 
 
-def test_under_a_wide_noise_the_sensor_itself_is_as_stated() -> None:
-    values = tuple(Value(key, "", 1.0, 1.2, 0.01) for key in (DISTANCE_GAIN, "sensor.delay_s", BIAS))
+def test_under_a_wide_noise_what_it_covers_is_as_stated() -> None:
+    turn = "motion.correction.turn_gain"
+    values = tuple(Value(key, "", 1.0, 1.2, 0.01) for key in (turn, "sensor.delay_s", BIAS, DISTANCE_GAIN))
     settings = merge(*(nested(value.key, 1.2) for value in values), {"sensor": {"range_std_m": 0.3}})
     learned = Learned(values, merge(settings, {"sensor": {"tail_degrees_of_freedom": 4.0}}), 900, 30, 2.0)
-    left = of_the_odometry(learned)
+    left = of_turns_and_delay(learned)
     assert left.values == values[:2]
     assert left.settings == {
-        "motion": {"correction": {"distance_gain": 1.2}},
+        "motion": {"correction": {"turn_gain": 1.2}},
         "sensor": {"delay_s": 1.2, "tail_degrees_of_freedom": 4.0},
     }
 

@@ -389,13 +389,13 @@ def _learned(
     )
 
 
-def of_the_odometry(learned: Learned) -> Learned:
-    """What was learned without the errors of the sensor itself: its mounting, and its ranges' bias and scale.
+def of_turns_and_delay(learned: Learned) -> Learned:
+    """What was learned of turns and delay: without the sensor's mounting, bias and scale, and the way's gain.
 
-    A wide noise covers them, and short tracks tell them badly: an error of the sensor that lasts as long as a
-    track looks like a mounting. Nothing covers the odometry's errors or a delay.
+    A wide noise covers these, and short tracks tell them badly: an error of the sensor that lasts as long as
+    a track looks like a mounting, or like a longer way. Nothing covers turns that are off or a delay.
     """
-    left = {known.key for known in SENSOR_KNOWN}
+    left = {DISTANCE, *(known.key for known in SENSOR_KNOWN)}
     values = tuple(value for value in learned.values if value.key not in left)
     told = [nested(value.key, _short(value.value)) for value in values if value.significant]
     tail = learned.settings["sensor"]["tail_degrees_of_freedom"]

@@ -26,7 +26,7 @@ from .learn import (
     Stretch,
     Value,
     learn,
-    of_the_odometry,
+    of_turns_and_delay,
     problem_of,
     reckoned,
     start_noise,
@@ -216,7 +216,7 @@ def _search(session: _Session, stated: RunResult | None) -> Attempt:
 
 def _widen(session: _Session, tracked: Learned) -> None:
     """Runs under ever wider noise, until a wider one than that of a sound map is no better."""
-    tracked = of_the_odometry(tracked)
+    tracked = of_turns_and_delay(tracked)
     for wider in WIDER:
         latest = session.attempt_wide(f"with {_NAMES[wider]} noise", tracked, wider)
         best = _better(session.attempts)
