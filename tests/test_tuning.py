@@ -18,7 +18,7 @@ from fastslam.log import Log
 from fastslam.runner import configure, run
 from fastslam.simulation import resolve_simulation, simulate
 from fastslam.tuning import Tuning, tune
-from fastslam.tuning.judge import SOUND, evidence, judged, log_new_density
+from fastslam.tuning.judge import SOUND, Judgement, evidence, judged, log_new_density
 from fastslam.tuning.learn import (
     LASER_SCALE_STD,
     SCALE,
@@ -206,13 +206,26 @@ def test_under_a_wide_noise_what_it_covers_is_as_stated() -> None:
     turn = "motion.correction.turn_gain"
     values = tuple(Value(key, "", 1.0, 1.2, 0.01) for key in (turn, "sensor.delay_s", BIAS, DISTANCE_GAIN))
     settings = merge(*(nested(value.key, 1.2) for value in values), {"sensor": {"range_std_m": 0.3}})
-    learned = Learned(values, merge(settings, {"sensor": {"tail_degrees_of_freedom": 4.0}}), 900, 30, 2.0)
+    learned = Learned(values, settings, 900, 30, 2.0)
     left = of_turns_and_delay(learned)
     assert left.values == values[:2]
     assert left.settings == {
         "motion": {"correction": {"turn_gain": 1.2}},
-        "sensor": {"delay_s": 1.2, "tail_degrees_of_freedom": 4.0},
+        "sensor": {"delay_s": 1.2},
     }
+
+
+def test_a_doubted_map_gives_way_to_a_far_simpler_one_and_a_sound_one_only_to_one_that_explains_as_much() -> (
+    None
+):
+    small = Judgement(None, "there twice", landmarks=25, explained=0.965)
+    doubted = Judgement(None, "there twice", landmarks=93, explained=0.994)
+    sound = replace(doubted, doubt=None)
+    assert small.is_simpler(doubted) and not doubted.is_simpler(small)
+    assert not small.is_simpler(sound) and replace(small, explained=0.98).is_simpler(sound)
+    assert not replace(small, explained=0.84).is_simpler(doubted)
+    assert not small.explains_as_much_as(doubted)
+    assert not replace(small, landmarks=84, explained=0.994).is_simpler(doubted)
 
 
 def test_the_tail_likelihood_is_highest_at_the_true_degrees_of_freedom() -> None:

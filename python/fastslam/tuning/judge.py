@@ -23,9 +23,9 @@ MOST_UNEXPLAINED = 0.5
 FEWER = 0.9
 """A map of less than this share of the landmarks is the simpler one."""
 AS_MUCH = 0.02
-"""It is the better if it explains but so much less of the log,"""
+"""A map explains as much as another if it explains less of the log by less than this."""
 OWN_SHARE = 0.2
-"""or so little of what the landmarks that it lacks would explain if they did as much as those on average."""
+"""Landmarks that explain less than this share of what those of a map do on average may be there twice."""
 OF_THE_MAP = (LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED)
 """What speaks against a map whatever its noise; innovations speak against the noise."""
 WORTHLESS = 4.0
@@ -84,13 +84,15 @@ class Judgement:
         return SOUND if self.doubt is None else int(self.fault is None)
 
     def is_simpler(self, other: Judgement) -> bool:
-        """Whether clearly fewer landmarks explain nearly as much: what the other has more is there twice.
+        """Whether clearly fewer landmarks explain as much: what the other has more is there twice.
 
-        Landmarks that are there twice explain next to nothing that the others do not.
+        Where the other is doubted they may explain less, by as little as landmarks do that are there twice.
         """
-        fewer = 1.0 - self.landmarks / max(other.landmarks, 1)
-        lost = other.explained - self.explained
-        return fewer > 1.0 - FEWER and lost < max(AS_MUCH, OWN_SHARE * fewer)
+        if self.landmarks >= FEWER * other.landmarks:
+            return False
+        fewer = 1.0 - self.landmarks / other.landmarks
+        less = AS_MUCH if other.doubt is None else max(AS_MUCH, OWN_SHARE * fewer)
+        return self.explained > other.explained - less
 
     def explains_as_much_as(self, other: Judgement) -> bool:
         """Whether as many sightings lie near the landmarks as near those of another map."""

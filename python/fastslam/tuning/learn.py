@@ -398,10 +398,7 @@ def of_turns_and_delay(learned: Learned) -> Learned:
     left = {DISTANCE, *(known.key for known in SENSOR_KNOWN)}
     values = tuple(value for value in learned.values if value.key not in left)
     told = [nested(value.key, _short(value.value)) for value in values if value.significant]
-    tail = learned.settings["sensor"]["tail_degrees_of_freedom"]
-    return replace(
-        learned, values=values, settings=merge(*told, nested("sensor.tail_degrees_of_freedom", tail))
-    )
+    return replace(learned, values=values, settings=merge(*told))
 
 
 def _short(value: float) -> float:
