@@ -17,9 +17,10 @@ from small_log import write_small_log
 
 
 def run(*arguments: object, **env: str) -> subprocess.CompletedProcess[bytes]:
-    """`python -m fastslam ARGUMENTS` in a process of its own, without a terminal."""
+    """`python -m fastslam ARGUMENTS` in a process of its own, without a terminal, wherever the tests run."""
     command = [sys.executable, "-m", "fastslam", *(str(argument) for argument in arguments)]
-    done = subprocess.run(command, capture_output=True, env={**os.environ, **env}, check=False)
+    outer = {**os.environ, "TERM": "xterm"}
+    done = subprocess.run(command, capture_output=True, env={**outer, **env}, check=False)
     assert done.returncode == 0, done.stderr
     assert b"Traceback" not in done.stderr
     return done
