@@ -118,11 +118,12 @@ def test_colour_resolves_what_position_confuses() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("identities", ["none", "all"])
-def test_a_cone_track_brings_what_closes_its_loop(identities: str, tmp_path: Path) -> None:
+def test_the_loop_of_a_cone_track_is_closed_with_its_colours_alone_told(identities: str, tmp_path: Path) -> None:
     changes = {"seed": 1, "scan": {"identities": identities}, "trajectory": {"laps": 2}}
     write_native(simulate(merge(presets()["cones"], changes)), tmp_path / "log")
     log = load(tmp_path / "log")
-    assert log.config["association"]["classes"] == {"number": 2, "correct_probability": 0.95}
+    assert log.config["association"] == {"classes": {"number": 2, "correct_probability": 0.95}}
+    assert "filter" not in log.config
     metrics = evaluate(fastslam.run(log), log)
     # Measured over 10 seeds: at most 0.1 m; a lost loop is 1 m and more.
     assert metrics["smoothed_ate_rmse_m"] < 0.2

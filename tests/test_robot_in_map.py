@@ -159,7 +159,7 @@ def test_live_keeps_a_map_when_asked(log: Log, chart: Map, tmp_path: Path) -> No
         text=True,
         timeout=60,
     )
-    assert done.stderr.startswith("start: the origin of the map") and done.returncode == 0
+    assert done.stderr.startswith("start: anywhere") and done.returncode == 0
 
 
 def test_a_robot_finds_itself_and_is_silent_until_then(log: Log, chart: Map) -> None:
@@ -190,6 +190,15 @@ def test_in_another_map_it_goes_on_searching(log: Log) -> None:
     robot = Robot(configured(log), identities="none", map=other, start=Anywhere())
     assert driven(robot, log, until_s=11.0) == [] and robot.searching
     assert all(mode.probability < 0.999 for mode in robot.modes)
+
+
+def test_where_nobody_says_where_it_begins_it_is_searched_for(log: Log, chart: Map) -> None:
+    told = configured(log)
+    untold = {key: value for key, value in told.items() if key != "initial_pose"}
+    assert Robot(untold, identities="none", map=chart).searching
+    assert not Robot(told, identities="none", map=chart).searching
+    assert not Robot(untold, identities="none", map=chart, start=Start(0.0, 0.0, 0.0)).searching
+    assert not Robot(untold, identities="none").searching
 
 
 def test_a_symmetric_map_keeps_both_places() -> None:

@@ -76,10 +76,12 @@ class Robot:
     With `map` it drives in a map that was kept, whose landmarks are what their roles say: fixed ones stay,
     prior ones improve, and new ones are added. With `keep` nothing changes that map: all of it is fixed, what
     does not fit is in `changes`, and `Robot.map` is the map that was given. With `start` it begins at
-    a pose that is not known exactly (`fastslam.maps.Start`), or one of several. With `start=Anywhere()` it
+    a pose that is not known exactly (`fastslam.maps.Start`), or one of several. With `start=Anywhere()`, and
+    in a map without `start` where `config` states no `initial_pose` either, it
     makes a map of its own until that fits the kept one at one place alone: until then it is `searching`, no
     steps are returned, `modes` says where it may be, and what needs a place in the map is a `DataError`.
-    Then the rows so far are taken anew from there, and their steps returned. A robot in a map that is lost
+    Then the rows so far are taken anew from there, and their steps returned. With a `scanner` it cannot be
+    searched for, and begins at the origin instead. A robot in a map that is lost
     for longer than `lost.LOST_S` is searched for again in the same way; so is one by `relocalize`.
 
     `sensor` is one of your own (`fastslam.sensors.Sensor`), as for `FastSlam`. With `scanner` the robot takes
@@ -138,7 +140,8 @@ class Robot:
             classes = tuple(dict.fromkeys((*classes, *chart.landmarks.class_names)))
         self._begin(self._fresh_stream(), names=names, classes=classes)
         self._chart, self._keep = chart, keep
-        if isinstance(start, Anywhere):
+        is_told = start is not None or "initial_pose" in (config or {})
+        if isinstance(start, Anywhere) or (chart is not None and scanner is None and not is_told):
             self._begin_search()
         else:
             self._begin_in_map(start)

@@ -23,7 +23,6 @@ SCHEMA = Schema(_core.simulation_schema, _core.resolve_simulation, explained_by=
 LEAST_RANGE_STD_M = 1e-3
 """The detector's noise of a perfect laser."""
 
-LEAST_CLUTTER_PER_SCAN = 0.01
 MOST_CERTAIN = 0.99
 """A filter that was told that its detector never errs would believe the impossible."""
 
@@ -98,29 +97,15 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
             **({"sensors": dict(complete["sensors"])} if sensors else {}),
             **({} if sensors else {"sensor": json.loads(columns["sensor"])}),
             "initial_pose": {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad},
-            **(_cone_track(complete) if complete["world"]["layout"] == "cones" and scans is None else {}),
+            **(_colours(complete) if complete["world"]["layout"] == "cones" and scans is None else {}),
         },
     )
 
 
-def _cone_track(settings: Settings) -> dict[str, Any]:
-    """What closes the loop of a cone track: its detector as it is, and paths drawn anew.
-
-    The gate is wide because a lap ends a metre off; settings without paths drawn anew lose most loops.
-    """
-    sensor, scan = settings["sensor"], settings["scan"]
-    clutter = max(scan["clutter_per_scan"], LEAST_CLUTTER_PER_SCAN)
+def _colours(settings: Settings) -> dict[str, Any]:
+    """How often the detector of a cone track tells blue from yellow right."""
     correct = min(1.0 - settings["classes"]["confusion_probability"], MOST_CERTAIN)
-    return {
-        "filter": {"rejuvenation": {"every_steps": 20}},
-        "association": {
-            "gate_probability": 0.999,
-            "classes": {"number": 2, "correct_probability": max(correct, 0.5)},
-            "detection_probability": min(scan["detection_probability"], MOST_CERTAIN),
-            "clutter_density": clutter / (sensor["max_range_m"] * sensor["field_of_view_rad"]),
-            "existence": {"form": "bayes", "removal": "when_missed"},
-        },
-    }
+    return {"association": {"classes": {"number": 2, "correct_probability": max(correct, 0.5)}}}
 
 
 def _scans(columns: dict[str, Any], settings: Settings) -> Scans | None:

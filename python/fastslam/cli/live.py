@@ -89,8 +89,9 @@ def live_stream(
     SIGTERM keep the state in --checkpoint, from which the same command goes on.
 
     With --map the robot drives in a map that was kept, whose landmarks are what their roles say; with --keep
-    nothing changes it. With --start anywhere it is searched for there: until one place is sure, health is
-    `searching`, there is no pose, and `modes` are the places that are likely.
+    nothing changes it. With --start anywhere, and where nothing says where the robot begins, it is searched
+    for there: until one place is sure, health is `searching`, there is no pose, and `modes` are the places
+    that are likely.
 
     --map-out keeps the map when the stream ends or is stopped: after a lap, some 30 m behind the line.
 
@@ -132,9 +133,9 @@ def live_stream(
             scanner=None if scanner is None else Scanner.load(scanner),
         )
         if map is not None and start is None and "initial_pose" not in merge(*layers):
-            said = (
-                "start: the origin of the map, since nothing says another; --start anywhere searches the map"
-            )
+            said = "start: anywhere, since nothing says where: the map is searched (--start 0,0,0: its origin)"
+            if scanner is not None:
+                said = "start: the origin of the map, since nothing says another (--start X,Y,HEADING)"
             stderr().print(said, markup=False, highlight=False, soft_wrap=True)
     session = session_of(robot, rate_hz=rate_hz)
     if folder is not None:
