@@ -118,7 +118,9 @@ def test_colour_resolves_what_position_confuses() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("identities", ["none", "all"])
-def test_the_loop_of_a_cone_track_is_closed_with_its_colours_alone_told(identities: str, tmp_path: Path) -> None:
+def test_the_loop_of_a_cone_track_is_closed_with_its_colours_alone_told(
+    identities: str, tmp_path: Path
+) -> None:
     changes = {"seed": 1, "scan": {"identities": identities}, "trajectory": {"laps": 2}}
     write_native(simulate(merge(presets()["cones"], changes)), tmp_path / "log")
     log = load(tmp_path / "log")

@@ -53,14 +53,21 @@ class Laid:
         return np.asarray(self.squared < EXPLAINED_SQUARED)
 
 
+def believed(result: RunResult) -> Bools:
+    """Which landmarks (K,) are confirmed, and stand at a place that can be computed with."""
+    landmarks = result.landmarks
+    chosen: Bools = np.asarray(np.isfinite(landmarks.mean_m).all(axis=1), dtype=np.bool_)
+    if landmarks.confirmed is not None:
+        chosen &= landmarks.confirmed
+    return chosen
+
+
 def laid_on_map(result: RunResult, log: Log) -> Laid | None:
     """Lays the sightings on the confirmed landmarks; None where there is no path or no landmark."""
     landmarks, path, sensor = result.landmarks, result.path, result.config["sensor"]
-    believed: Bools = np.asarray(np.isfinite(landmarks.mean_m).all(axis=1), dtype=np.bool_)
-    if landmarks.confirmed is not None:
-        believed &= landmarks.confirmed
+    chosen = believed(result)
     seen = log.sightings
-    if len(path.stamp_s) < 2 or not believed.any() or len(seen.stamp_s) == 0:
+    if len(path.stamp_s) < 2 or not chosen.any() or len(seen.stamp_s) == 0:
         return None
     stamp_s = seen.stamp_s - sensor["delay_s"]
     range_m = (seen.range_m - sensor["range_bias_m"]) / sensor["range_scale"]
@@ -74,10 +81,10 @@ def laid_on_map(result: RunResult, log: Log) -> Laid | None:
     stamp_s, range_m = stamp_s[rows], range_m[rows]
     bearing = wrap_angle(seen.bearing_rad[rows] - sensor["bearing_bias_rad"])
     origin = _origins(result, stamp_s, sensor["mounting"])
-    mean_m = landmarks.mean_m[believed]
+    mean_m = landmarks.mean_m[chosen]
     squared, landmark = _best(mean_m, origin, (range_m, bearing), sensor)
     if result.config["association"]["mode"] == "known":
-        own = _by_name(landmarks.ids, believed, log)[rows]
+        own = _by_name(landmarks.ids, chosen, log)[rows]
         named = np.flatnonzero(own >= 0)
         seen_there = range_m[named], bearing[named]
         squared[named] = squared_of(mean_m[own[named]], origin[named], seen_there, sensor)
@@ -97,9 +104,9 @@ def _origins(result: RunResult, stamp_s: Floats, mounting: Mapping[str, float]) 
     )
 
 
-def _by_name(ids: tuple[str, ...], believed: Bools, log: Log) -> Ints:
+def _by_name(ids: tuple[str, ...], chosen: Bools, log: Log) -> Ints:
     """Row (S,) among the believed landmarks of the one that each sighting names; -1 where it names none."""
-    rows = {ids[row]: number for number, row in enumerate(np.flatnonzero(believed).tolist())}
+    rows = {ids[row]: number for number, row in enumerate(np.flatnonzero(chosen).tolist())}
     of_identity = np.array([*(rows.get(name, -1) for name in log.identity_names), -1], dtype=np.int64)
     return np.asarray(of_identity[log.sightings.identity])
 

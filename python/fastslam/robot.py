@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from . import _core
 from ._built import built_version
-from .config import Config, detector_of
+from .config import Config, detector_of, merge
 from .covariances import symmetric
 from .errors import ConfigError, DataError, NumericalError
 from .filter import checked_control, core_errors, landmark_map, step_info
@@ -140,7 +140,7 @@ class Robot:
             classes = tuple(dict.fromkeys((*classes, *chart.landmarks.class_names)))
         self._begin(self._fresh_stream(), names=names, classes=classes)
         self._chart, self._keep = chart, keep
-        is_told = start is not None or "initial_pose" in (config or {})
+        is_told = start is not None or "initial_pose" in merge(config or {})
         if isinstance(start, Anywhere) or (chart is not None and scanner is None and not is_told):
             self._begin_search()
         else:

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .health import HealthStatus, health_summary
-from .laid import Laid, laid_on_map
+from .laid import Laid, believed, laid_on_map
 from .log import Bools, Log
 from .result import RunResult
 from .standing import Standing, standing
+from .twofold import twofold
 
 MOST_WRONG = 0.1
 """A map of which more of the landmarks are wrong is not to be believed."""
@@ -19,6 +20,8 @@ FEW = 3
 """Fewer than this many landmarks that were not found again say nothing."""
 FEW_ODD = 4
 """Fewer than this many that are odd say nothing: what stands in front of a landmark for long makes it so."""
+FOUND_TWICE = 0.8
+"""So many of the landmarks that are there twice are found to be so."""
 MOST_NEW = 1 / 3
 """Where so many of the landmarks seen in a kept map are none of it, the robot is elsewhere."""
 NEIGHBOURS = 6
@@ -39,6 +42,7 @@ MOST_UNEXPLAINED = 0.1
 LOST = "lost"
 NOT_FOUND = "not found again"
 LANDMARKS = "landmarks"
+TWICE = "twice"
 UNEXPLAINED = "unexplained"
 WAS_LOST = "the filter was lost"
 
@@ -64,6 +68,7 @@ def doubts(result: RunResult, log: Log) -> tuple[Doubt, ...]:
     laid = laid_on_map(result, log) if whole else None
     found = [*_of_steps(result, laid), *_of_kept_map(result)]
     found.extend(() if laid is None else _of_map(result, laid, log))
+    found.extend(() if laid is None else _of_stretches(result, laid, log))
     return tuple(sorted(found, key=lambda doubt: -doubt.ratio))
 
 
@@ -141,8 +146,7 @@ def _of_kept_map(result: RunResult) -> Iterator[Doubt]:
 
 
 def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
-    named = result.config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
-    stand = standing(laid, named=named)
+    stand = standing(laid, named=_is_named(result, log))
     yield Doubt(LANDMARKS, stand.odd / max(FEW_ODD, MOST_WRONG * stand.landmarks), _landmarks(stand))
     steps = result.steps
     used = 1.0 - float((steps.ignored + steps.new_landmarks).sum()) / max(int(steps.sightings.sum()), 1)
@@ -152,6 +156,24 @@ def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
         "out, are far from all of them"
     )
     yield Doubt(UNEXPLAINED, lacking / MOST_UNEXPLAINED, sentence)
+
+
+def _of_stretches(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
+    if _is_named(result, log):
+        return
+    sensor, total = result.config["sensor"], len(laid.mean_m)
+    variance_m2 = 0.5 * np.trace(result.landmarks.covariance_m2[believed(result)], axis1=1, axis2=2)
+    noise_m2 = 0.25 * (sensor["range_std_m"] ** 2 + (5.0 * sensor["bearing_std_rad"]) ** 2)
+    twice = len(twofold(laid, variance_m2, noise_m2))
+    sentence = (
+        f"{twice:,} of {total:,} landmarks stand among others as earlier ones do a little further on: part "
+        "of the map is there twice"
+    )
+    yield Doubt(TWICE, twice / max(FEW_ODD, FOUND_TWICE * MOST_WRONG * total), sentence)
+
+
+def _is_named(result: RunResult, log: Log) -> bool:
+    return result.config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
 
 
 def _landmarks(stand: Standing) -> str:

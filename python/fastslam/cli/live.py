@@ -133,7 +133,7 @@ def live_stream(
             scanner=None if scanner is None else Scanner.load(scanner),
         )
         if map is not None and start is None and "initial_pose" not in merge(*layers):
-            said = "start: anywhere, since nothing says where: the map is searched (--start 0,0,0: its origin)"
+            said = "start: anywhere, since nothing says where; --start 0,0,0 is the origin of the map"
             if scanner is not None:
                 said = "start: the origin of the map, since nothing says another (--start X,Y,HEADING)"
             stderr().print(said, markup=False, highlight=False, soft_wrap=True)
