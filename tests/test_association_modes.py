@@ -232,3 +232,13 @@ def test_a_class_that_is_not_configured_and_a_form_without_its_numbers_are_error
         fastslam.run(named, {"association": {"classes": {"number": 2}}})
     with pytest.raises(ConfigError, match=r"association\.detection_probability"):
         fastslam.run(log, {"association": {"existence": {"form": "bayes"}}})
+
+
+def test_a_name_is_believed_though_other_sightings_have_none() -> None:
+    """After a lap nobody could tell by place which landmark is meant: names do, and clutter stays clutter."""
+    world = {"seed": 3, "scan": {"identities": "all", "clutter_per_scan": 0.2}, "trajectory": {"laps": 2}}
+    log = simulate(merge(presets()["cones"], world))
+    unnamed = int((log.sightings.identity < 0).sum())
+    assert 100 < unnamed < 0.05 * len(log.sightings.identity)
+    metrics = evaluate(fastslam.run(log, {"filter": {"particles": 30}}, auto=False), log)
+    assert metrics["landmarks"] == metrics["landmark_matched"] == 150

@@ -167,6 +167,7 @@ def test_a_map_that_nothing_speaks_against_is_left_alone(doubling: Log) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_command_keeps_the_sound_map_and_says_why(doubling: Log, tmp_path: Path) -> None:
     folder, out = tmp_path / "log", tmp_path / "out"
     write_native(doubling, folder)

@@ -317,6 +317,7 @@ def test_starry_night_is_as_good_as_a_batch_solution(data_dir: Path) -> None:
     assert metrics["map.aligned.rmse_m"] < 0.008
 
 
+@pytest.mark.slow(but="point3d")
 @pytest.mark.parametrize("sensor", ["point3d", "elevation"])
 def test_a_simulated_log_is_written_and_comes_back(sensor: str, tmp_path: Path) -> None:
     path = tmp_path / "stars"
@@ -335,6 +336,7 @@ def test_a_simulated_log_is_written_and_comes_back(sensor: str, tmp_path: Path) 
     again.assert_one_line_error(exit_code=1, contains="is not empty")
 
 
+@pytest.mark.slow
 def test_noise_that_is_stated_wrongly_is_learned(tmp_path: Path) -> None:
     log = simulate(seed=5, landmarks=25)
     wrong = {

@@ -38,6 +38,7 @@ def test_nothing_speaks_against_a_sound_run(preset: str) -> None:
     assert against(doubts(result, log)) == ()
 
 
+@pytest.mark.slow(but="known")
 @pytest.mark.parametrize("mode", ["known", "unknown"])
 def test_a_world_that_changed_half_way_is_told(mode: str) -> None:
     log = drive(trajectory={"laps": 6})

@@ -53,7 +53,7 @@ pub(super) fn associate<M: Placing>(
             leave_draw(state, work, Moment::BeforeScan);
         }
     }
-    doubts::strike_out(&doubts, &work.beliefs, &mut work.associating.table);
+    doubts::strike_out(&doubts, &work.beliefs, &state.landmarks, scan, &mut work.associating.table);
     set_doubtful_aside(state, &mut work.associating);
     clear_log_likelihood(state, work);
     info.fell_back += decide_all(setup, state, work, scan);

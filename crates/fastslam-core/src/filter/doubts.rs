@@ -10,6 +10,7 @@
 //! All draws together are allowed twice the work of the filter itself, counted by sizes, not by the clock.
 
 use super::beliefs::Beliefs;
+use super::landmarks::Landmarks;
 use super::need::Need;
 use super::settings::Algorithm;
 use super::setup::Setup;
@@ -62,8 +63,14 @@ pub(super) fn have_forgotten(state: &State, need: &Need, steps: usize) -> bool {
 }
 
 /// Takes the landmarks from the candidates that no particle can tell from others; what they explain founds landmarks,
-/// which a draw joins with them if the evidence says so.
-pub(super) fn strike_out(doubts: &[Doubt], beliefs: &Beliefs, table: &mut CandidateTable) {
+/// which a draw joins with them if the evidence says so. Who is named needs no telling.
+pub(super) fn strike_out(
+    doubts: &[Doubt],
+    beliefs: &Beliefs,
+    landmarks: &Landmarks,
+    scan: &[ScanSighting],
+    table: &mut CandidateTable,
+) {
     if doubts.is_empty() {
         return;
     }
@@ -73,7 +80,11 @@ pub(super) fn strike_out(doubts: &[Doubt], beliefs: &Beliefs, table: &mut Candid
         let area_m2 = disagreement_m2([x, y, heading], &table.rows(doubt.candidate)).unwrap_or(0.0);
         ambiguous[doubt.candidate as usize] = is_ambiguous(area_m2, doubt.density, doubt.gate_m2);
     }
-    table.of_sighting.iter_mut().for_each(|found| found.retain(|c| !ambiguous[*c as usize]));
+    let CandidateTable { slots, of_sighting, .. } = table;
+    for (sighting, found) in scan.iter().zip(of_sighting) {
+        let named = sighting.identity.map_or(&[][..], |identity| landmarks.of_identity(identity));
+        found.retain(|c| !ambiguous[*c as usize] || named.contains(&slots[*c as usize]));
+    }
 }
 
 /// Takes note of what the best particle sighted and founded in a scan.
