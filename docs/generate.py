@@ -143,7 +143,7 @@ limits and how often colours are right. With that, all else by default, seeds 1 
 | identities | live path [m] | smoothed path [m] | map [m] | cones found | false |
 |---|---|---|---|---|---|
 | none | 0.55 (0.93) | 0.060 (0.101) | 0.062 (0.106) | 150 (150) of 150 | 0 (0) |
-| all but of clutter (`scan.identities=all`) | 0.46 (0.97) | 0.059 (0.101) | 0.061 (0.105) | 150 (150) of 150 | 0 (0) |
+| all but clutter | 0.46 (0.97) | 0.059 (0.101) | 0.061 (0.105) | 150 (150) of 150 | 0 (0) |
 
 The live path holds the drift of the first lap, which nothing can know before the loop closes."""
 
