@@ -121,9 +121,9 @@ SENSORS = "sensors:\n  front: {range_std_m: 0.1}\n  rear: {range_std_m: 0.2}\n"
             r"log.yaml:3: sensors: got `sensor` beside it, expected one of the two",
         ),
         (
-            SENSORS.replace("rear: {", "rear: {model: bearing, "),
+            SENSORS.replace("rear: {", "rear: {model: own, "),
             "stamp_s,range_m,bearing_rad,sensor\n0.1,2,0.1,front\n",
-            r"log.yaml:\d: sensors.rear.model: got bearing, expected range_bearing",
+            r"sensors.rear.model: got own, expected range_bearing, range or bearing",
         ),
         (
             SENSORS.replace("range_std_m: 0.2", "range_st: 0.2"),

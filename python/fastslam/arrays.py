@@ -14,7 +14,7 @@ from .errors import DataError
 from .identity import nobody_knows
 from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, LARGEST_STAMP_S, stamp_fault
 from .log import Controls, Floats, Ints, Log, Sightings
-from .measured import measured_columns
+from .measured import BOTH, measured_by_sensor, measured_columns, measured_rows
 
 _SOURCE = "arrays"
 
@@ -36,7 +36,11 @@ def log_from_arrays(
     keys = ("stamp_s", *measures)
     seen_stamps, *rest = _parts("sightings", sightings, keys)
     columns = [_stamps("sightings", seen_stamps)]
-    columns += [_column(f"sightings: {key}", value) for key, value in zip(keys[1:], rest, strict=True)]
+    by_sensor = measured_by_sensor(config or {})
+    finite = all(tuple(measured) == BOTH for measured in by_sensor.values())
+    columns += [
+        _column(f"sightings: {key}", value, finite=finite) for key, value in zip(keys[1:], rest, strict=True)
+    ]
     given, makers = (
         [None] * len(columns[0]) if column is None else _listed(what, column)
         for what, column in zip(("identities", "sensors"), names, strict=True)
@@ -55,6 +59,8 @@ def log_from_arrays(
     order = np.argsort(columns[0], kind="stable")
     identity, known = _identities(given)
     maker, sensor_names = _identities(makers)
+    if not finite:
+        _check_measured((range_m, bearing_rad), maker, sensor_names, by_sensor)
     seen = Sightings(
         stamp_s=columns[0][order],
         range_m=range_m[order],
@@ -67,6 +73,25 @@ def log_from_arrays(
     controls_of_log, settings = Controls(stamp_s, values), dict(config or {})
     log = Log(name, _SOURCE, "native", controls_of_log, seen, known, config=settings)
     return replace(log, sensor_names=sensor_names)
+
+
+def _check_measured(
+    measured: tuple[Floats, Floats],
+    maker: Ints,
+    sensor_names: Sequence[str],
+    by_sensor: Mapping[str, Sequence[str]],
+) -> None:
+    """Errors: `DataError` where a sighting lacks what its sensor measures, or has what it does not."""
+    has = measured_rows(maker, sensor_names, by_sensor)
+    if has is None:
+        return
+    for place, (key, values) in enumerate(zip(BOTH, measured, strict=True)):
+        wrong = np.flatnonzero(np.isfinite(values) != has[:, place])
+        if len(wrong):
+            row = int(wrong[0])
+            of = sensor_names[maker[row]] if maker[row] >= 0 else "no sensor"
+            expected = "a finite number" if has[row, place] else "NaN: it is not measured"
+            raise DataError(f"sightings: {key}: row {row} ({of}) is {values[row]:g}, expected {expected}")
 
 
 def checked_controls(controls: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
@@ -106,16 +131,18 @@ def _stamps(what: str, values: ArrayLike) -> Floats:
     return stamp_s
 
 
-def _column(name: str, values: ArrayLike) -> Floats:
-    return _finite(name, values, dimensions=1)
+def _column(name: str, values: ArrayLike, *, finite: bool = True) -> Floats:
+    if not finite and isinstance(values, Sequence):
+        values = [np.nan if value is None else value for value in values]
+    return _finite(name, values, dimensions=1, finite=finite)
 
 
-def _finite(name: str, values: ArrayLike, *, dimensions: int) -> Floats:
+def _finite(name: str, values: ArrayLike, *, dimensions: int, finite: bool = True) -> Floats:
     array = numbers(name, values)
     if array.ndim != dimensions:
         raise DataError(f"{name}: got an array of shape {array.shape}, expected {dimensions} dimension(s)")
     bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
+    if finite and len(bad):
         raise DataError(f"{name}: row {bad[0][0]} is not finite")
     return array
 

@@ -83,7 +83,8 @@ def _sighting(log: Log, row: int, config: Mapping[str, Any]) -> list[Any]:
     index = int((seen.identity if named else seen.class_index)[row])
     texts = log.identity_names if named else log.class_names
     label = [texts[index]] if 0 <= index < len(texts) else []
-    return [float(seen.range_m[row]), float(seen.bearing_rad[row]), *label]
+    # What a sensor does not measure is null: JSON has no NaN.
+    return [*_beams(np.array([seen.range_m[row], seen.bearing_rad[row]])), *label]
 
 
 def _turns(log: Log) -> Iterator[tuple[float, dict[str, Any]]]:

@@ -224,9 +224,9 @@ class FastSlam:
         sensor that there is not, or an identity that is neither name nor number; `NumericalError` when no
         particle can explain the scan.
         """
-        measured = self._measured(range_m, bearing_rad)
-        scan = checked_scan(self.config, measured, identity, covariance, class_index, signature)
         stamp, by = number("stamp_s", stamp_s), sensor_number(self.config, sensor)
+        measured = self._measured(range_m, bearing_rad, by)
+        scan = checked_scan(self.config, measured, identity, covariance, class_index, signature)
         with self._lock:
             self._check_stamp(stamp)
             return self._told(stamp, scan, lambda columns: self._filter.update(stamp, columns, by))
@@ -248,7 +248,7 @@ class FastSlam:
         by = sensor_number(self.config, sensor)
         values, seconds = self._control(control), number("dt_s", dt_s)
         seen = range_m is not None or bearing_rad is not None
-        measured = self._measured(range_m, bearing_rad) if seen else self._measured((), ())
+        measured = self._measured(range_m, bearing_rad, by) if seen else self._measured((), (), by)
         scan = checked_scan(self.config, measured, identity)
         with self._lock:
             stamp = self._stamp_s + seconds
@@ -298,8 +298,10 @@ class FastSlam:
         with self._lock:
             return Trajectory(*self._filter.best_path())
 
-    def _measured(self, range_m: ArrayLike | None, bearing_rad: ArrayLike | None) -> tuple[Floats, Floats]:
-        return measured_scan(self.config, self._adapter, range_m, bearing_rad)
+    def _measured(
+        self, range_m: ArrayLike | None, bearing_rad: ArrayLike | None, by: int
+    ) -> tuple[Floats, Floats]:
+        return measured_scan(self.config, self._adapter, range_m, bearing_rad, by)
 
     def _control(self, control: ArrayLike) -> list[float]:
         return checked_control(control, self._control_columns)

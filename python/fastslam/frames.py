@@ -19,7 +19,7 @@ from .datasets.native_settings import checked_settings
 from .datasets.native_sightings import sightings_of
 from .errors import ConfigError, DataError
 from .log import Log
-from .measured import measured_columns
+from .measured import measured_by_sensor, measured_columns
 
 if TYPE_CHECKING:
     import narwhals as nw
@@ -41,7 +41,7 @@ def log_from_frames(
     try:
         settings = checked_settings(given, Path("config"), {})
         measures = measured_columns(settings.config.get("sensor", {}).get("model"))
-        sensors = sorted(settings.config.get("sensors", {}))
+        sensors = measured_by_sensor(settings.config)
         seen = sightings_of(frame_table(sightings, "sightings"), measures=measures, sensors=sensors)
         moved = odometry_of(
             frame_table(odometry, "odometry"), model=settings.motion_model, wheels=settings.wheels

@@ -289,11 +289,17 @@ _Seen = tuple[float, float, str | None]
 
 def _sighting(entry: object) -> _Seen:
     numbers_of = entry[:2] if isinstance(entry, list) and len(entry) in (2, 3) else None
-    if numbers_of is None or any(isinstance(v, bool) or not isinstance(v, int | float) for v in numbers_of):
-        raise DataError(f"see: got {shown(entry)}, expected [range_m, bearing_rad] or with a name or class")
+    if numbers_of is None or not all(map(_is_number_or_none, numbers_of)) or numbers_of == [None, None]:
+        expected = "[range_m, bearing_rad] (null: not measured) or with a name or class"
+        raise DataError(f"see: got {shown(entry)}, expected {expected}")
     label = entry[2] if isinstance(entry, list) and len(entry) == 3 else None
     if isinstance(label, int | float) and nobody_knows(str(label)):
         label = None
     if label is not None and not isinstance(label, str):
         raise DataError(f"see: got {shown(label)}, expected a name or class as text")
-    return float(numbers_of[0]), float(numbers_of[1]), label
+    range_m, bearing_rad = (math.nan if value is None else float(value) for value in numbers_of)
+    return range_m, bearing_rad, label
+
+
+def _is_number_or_none(value: object) -> bool:
+    return value is None or (isinstance(value, int | float) and not isinstance(value, bool))

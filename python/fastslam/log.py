@@ -205,7 +205,7 @@ class Log:
         `config` takes them (see `Controls`). `sightings` are `stamp_s`, `range_m`, `bearing_rad`, all (S,),
         in any order; without bearings where `config` has `sensor: {model: range}`. `identities` (S) names the
         landmark of each; None, NaN or the empty text where unknown. `sensors` (S) names the sensor that made
-        each where `config` has several (`sensors`).
+        each where `config` has several (`sensors`); what one of them does not measure is NaN or None.
 
         >>> log = Log.from_arrays(
         ...     ([0.0, 0.1], [[1.0, 0.0], [1.0, 0.2]]), ([0.1], [4.2], [0.3]), identities=["post"]

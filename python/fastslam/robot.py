@@ -227,7 +227,7 @@ class Robot:
             classes = self.config["association"]["classes"]
             limit = None if classes is None else classes["number"]
             new_classes, class_index = class_numbers(class_name, self._index_of_class, limit)
-            measured = measured_scan(self.config, self._adapter, range_m, bearing_rad)
+            measured = measured_scan(self.config, self._adapter, range_m, bearing_rad, by)
             scan = checked_scan(self.config, measured, identity, covariance, class_index, signature)
             new_names = scan.new_names(self._index_of)
             columns = scan.columns(ChainMap(new_names, self._index_of))

@@ -27,7 +27,7 @@ from .result import RunResult, Steps, Trajectory
 from .sensor_checks import begun
 from .sensors import Sensor, own_layer
 from .settings import Layer, Partial
-from .several import as_the_core_takes, refuse_several
+from .several import as_the_core_takes, left_out, refuse_several
 from .timing import stage
 from .verdict import judged, named_twice
 
@@ -288,7 +288,8 @@ def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -
         map_bytes=columns["store_bytes"],
         counts=columns["skipped"]
         | {"landmark_covariances_repaired": columns["covariances_repaired"]}
-        | {"sightings_named_twice_in_a_scan": named_twice(log.sightings)},
+        | {"sightings_named_twice_in_a_scan": named_twice(log.sightings)}
+        | left_out(config, columns["steps"]["ignored"]),
         warnings=noise_sentences(columns["warnings"], config, log.sightings, detected=log.scans is not None),
         noise=columns["noise"],
     )

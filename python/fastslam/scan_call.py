@@ -18,6 +18,7 @@ from .limits import DEGREES_HINT, LARGEST_BEARING_RAD, is_definite, stamp_fault
 from .log import Floats, Ints
 from .measured import measured_columns
 from .sensors import Adapter
+from .several import each_sensor, sensor_names
 
 Identity = str | float | None
 """Name or number (from 0) of a landmark; None, -1, NaN and some words where nobody says which one it is
@@ -86,17 +87,28 @@ def _class_name(name: object) -> str | None:
 
 
 def measured_scan(
-    config: Config, adapter: Adapter | None, range_m: ArrayLike | None, bearing_rad: ArrayLike | None
+    config: Config,
+    adapter: Adapter | None,
+    range_m: ArrayLike | None,
+    bearing_rad: ArrayLike | None,
+    by: int = 0,
 ) -> tuple[Floats, Floats]:
-    """Ranges and bearings of a call, NaN where it has none. Errors: `DataError` where one is missing."""
-    model = config["sensor"]["model"]
+    """Ranges and bearings of a call, NaN where it has none; `by` is the number of the sensor.
+
+    Errors: `DataError` where one is missing.
+    """
+    model = each_sensor(config)[by]["model"]
     needed = measured_columns(model) if adapter is None else adapter.measures
     given = {"range_m": range_m, "bearing_rad": bearing_rad}
     columns = {name: column(name, values) for name, values in given.items() if values is not None}
     count = max((len(column) for column in columns.values()), default=0)
     for name in needed:
         if name not in columns and (count > 0 or not columns):
-            raise DataError(f"{name}: got none, but sensor.model is {model}")
+            names = sensor_names(config)
+            key = f"sensors.{names[by]}" if names else "sensor"
+            raise DataError(f"{name}: got none, but {key}.model is {model}")
+    if sensor_names(config):
+        columns = {name: values for name, values in columns.items() if name in needed}
     return columns.get("range_m", np.full(count, np.nan)), columns.get("bearing_rad", np.full(count, np.nan))
 
 

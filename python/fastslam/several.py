@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .config import sensor_of
 from .errors import ConfigError, DataError
 from .log import Floats, Log, Sightings
+from .measured import BOTH, measured_columns
 
 Numbers = NDArray[np.uint8]
 
@@ -32,6 +33,14 @@ def refuse_several(config: Mapping[str, Any], who: str) -> None:
     names = sensor_names(config)
     if names:
         raise ConfigError(f"sensors: got {', '.join(names)}, expected one sensor (`sensor`) for {who}")
+
+
+def left_out(config: Mapping[str, Any], ignored: NDArray[np.integer[Any]]) -> dict[str, int]:
+    """How many sightings no landmark explains (of each step), where a sensor measures one number alone."""
+    models = [sensor["model"] for sensor in each_sensor(config)]
+    if len(models) < 2 or all(measured_columns(model) == BOTH for model in models):
+        return {}
+    return {"sightings_left_out": int(ignored.sum())}
 
 
 def sensor_number(config: Mapping[str, Any], name: str | None) -> int:
@@ -96,7 +105,7 @@ def as_of_one(log: Log, config: Mapping[str, Any]) -> tuple[Log, dict[str, Any]]
     """The log as if one sensor in the robot's origin that looks all around had made it, for what judges it.
 
     That sensor is as bad as the worst of those, and sees as far as the farthest. Without several sensors both
-    are what they were; sightings whose sensor is not known are left out.
+    are what they were; sightings whose sensor is not known are left out, and so are ranges or bearings alone.
     """
     names, sensors = sensor_names(config), each_sensor(config)
     if not names:
@@ -106,11 +115,16 @@ def as_of_one(log: Log, config: Mapping[str, Any]) -> tuple[Log, dict[str, Any]]
     except DataError:
         seen, numbers = log.sightings[:0], None
     of = np.zeros(len(seen.stamp_s), dtype=np.uint8) if numbers is None else numbers
+    whole = np.array([measured_columns(sensor["model"]) == BOTH for sensor in sensors])
+    seen, of = seen[whole[of]], of[whole[of]]
     x_m, y_m = _in_robot_frame(seen, of, sensors)
     range_m, bearing_rad = np.hypot(x_m, y_m), np.arctan2(y_m, x_m)
     alike = replace(seen, range_m=range_m, bearing_rad=bearing_rad, covariance=None, sensor_index=None)
     rest = {key: value for key, value in config.items() if key != "sensors"}
-    return replace(log, sightings=alike, sensor_names=()), {**rest, "sensor": _worst(sensors)}
+    return replace(log, sightings=alike, sensor_names=()), {
+        **rest,
+        "sensor": _worst([one for one in sensors if one["model"] == "range_bearing"]),
+    }
 
 
 def _in_robot_frame(
@@ -126,7 +140,7 @@ def _in_robot_frame(
     return x_m, column(lambda s: s["mounting"]["y_m"]) + range_m * np.sin(towards)
 
 
-def _worst(sensors: tuple[dict[str, Any], ...]) -> dict[str, Any]:
+def _worst(sensors: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """A sensor at the robot's origin that is no better than any of these, and sees all that they see."""
     lever_m = [float(np.hypot(sensor["mounting"]["x_m"], sensor["mounting"]["y_m"])) for sensor in sensors]
     reach_m = [sensor["max_range_m"] + lever for sensor, lever in zip(sensors, lever_m, strict=True)]

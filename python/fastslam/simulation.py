@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -13,7 +12,7 @@ from . import _core
 from ._hints import meant
 from .errors import ConfigError
 from .log import BeamGeometry, Controls, Log, Scans, Sightings, TruthLandmarks, TruthTrajectory
-from .measured import measured_alone, measured_columns
+from .measured import BOTH, measured_alone, measured_columns
 from .settings import Layer, Schema, Settings
 from .several import each_sensor, sensor_names
 
@@ -61,8 +60,8 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
     >>> len(log.truth_landmarks.names), log.controls.values.shape[1]
     (25, 2)
 
-    Landmarks are named by their index; with `sensors` each sighting names the one that made it. With
-    `sensor.model: range` sightings have no bearing, with `bearing` no range. Errors: `ConfigError`
+    Landmarks are named by their index; with `sensors` each sighting names the one that made it. By a sensor
+    with `model: range` sightings have no bearing, with `bearing` no range. Errors: `ConfigError`
     for settings that are out of range or contradict each other (a field too small for its landmarks).
     """
     complete = settings if isinstance(settings, Settings) else SCHEMA.resolve(settings)
@@ -84,7 +83,7 @@ def simulate(settings: Layer, *, name: str = "simulated") -> Log:
         source="simulation",
         format="native",
         controls=Controls(columns["control_stamp_s"], columns["controls"]),
-        sightings=_sightings(columns, each_sensor(complete), measured_columns(model)),
+        sightings=_sightings(columns, complete),
         sensor_names=sensors if len(sensors) > 1 else (),
         # The scans of a laser say nothing of who is who.
         identity_names=names if scans is None else (),
@@ -122,9 +121,8 @@ def _scans(columns: dict[str, Any], settings: Settings) -> Scans | None:
     )
 
 
-def _sightings(
-    columns: dict[str, Any], sensors: Sequence[Mapping[str, Any]], measures: Sequence[str]
-) -> Sightings:
+def _sightings(columns: dict[str, Any], settings: Settings) -> Sightings:
+    sensors = each_sensor(settings)
     stamp_s, number = columns["sighting_stamp_s"], columns["sighting_sensor"].astype(np.int64)
     delay_s = np.array([sensor["delay_s"] for sensor in sensors])
     seen = Sightings(
@@ -136,6 +134,6 @@ def _sightings(
         signature=columns["signature"],
         sensor_index=number if len(sensors) > 1 else None,
     )
-    if len(sensors) > 1:
-        seen = seen[np.argsort(seen.stamp_s, kind="stable")]
-    return measured_alone(seen, measures)
+    has = np.array([[c in measured_columns(sensor["model"]) for c in BOTH] for sensor in sensors])[number]
+    seen = measured_alone(seen, has)
+    return seen[np.argsort(seen.stamp_s, kind="stable")] if len(sensors) > 1 else seen

@@ -29,7 +29,8 @@ pub struct Config {
     /// What the robot sees with.
     pub sensor: Sensor,
     /// In place of `sensor`, where the robot has several: a section like `sensor` for each, under its name. Each sighting
-    /// then says which of them made it. Sensors of range and bearing only.
+    /// then says which of them made it. One of them at least measures range and bearing (`model: range_bearing`) and finds
+    /// the landmarks; others may measure ranges or bearings of these alone.
     #[serde(skip_serializing_if = "Sensors::is_empty")]
     pub sensors: Sensors,
     /// Which landmark a sighting belongs to.

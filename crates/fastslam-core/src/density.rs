@@ -23,12 +23,23 @@ pub enum Tail {
     Gaussian,
     /// As Student's t with these degrees of freedom.
     StudentT(f64),
+    /// The same of a sighting of one number among passes for two ([`crate::measurement::RangeOrBearing`]), but for the
+    /// constant of the density.
+    StudentTOfOne(f64),
 }
 
 impl Tail {
     /// From the configured degrees of freedom.
     pub fn from_degrees_of_freedom(value: Option<f64>) -> Self {
         value.map_or(Self::Gaussian, Self::StudentT)
+    }
+
+    /// That of a sighting of one number among passes for two.
+    pub(crate) fn of_one(self) -> Self {
+        match self {
+            Self::StudentT(k) => Self::StudentTOfOne(k),
+            other => other,
+        }
     }
 
     /// Makes a pass over particles with this tail as vector code, compiled once for each kind of tail.
@@ -48,6 +59,7 @@ impl Tail {
         match self {
             Self::Gaussian => pass(Self::Gaussian),
             Self::StudentT(k) => pass(Self::StudentT(k)),
+            Self::StudentTOfOne(k) => pass(Self::StudentTOfOne(k)),
         }
     }
 
@@ -59,6 +71,7 @@ impl Tail {
         match self {
             Self::Gaussian => 1.0,
             Self::StudentT(k) => ((k + mahalanobis_squared) / (k + 2.0)).max(1.0),
+            Self::StudentTOfOne(k) => ((k + mahalanobis_squared) / (k + 1.0)).max(1.0),
         }
     }
 
@@ -68,6 +81,9 @@ impl Tail {
         match self {
             Self::Gaussian => 0.0,
             Self::StudentT(k) => 0.5 * mahalanobis_squared - 0.5 * (k + 2.0) * math::ln(1.0 + mahalanobis_squared / k),
+            Self::StudentTOfOne(k) => {
+                0.5 * mahalanobis_squared - 0.5 * (k + 1.0) * math::ln(1.0 + mahalanobis_squared / k)
+            }
         }
     }
 
@@ -77,26 +93,33 @@ impl Tail {
         match self {
             Self::Gaussian => 1.0,
             Self::StudentT(k) => ((k + mahalanobis_squared) / (k + numbers as f64)).max(1.0),
+            Self::StudentTOfOne(_) => self.noise_scale(mahalanobis_squared),
         }
     }
 
     /// What a sighting of so many numbers this far off costs: half the squared distance, and for the far ones of a heavy
     /// tail the integral of the weight that [`Self::noise_scale_of`] gives.
     pub fn loss_of(self, numbers: usize, mahalanobis_squared: f64) -> f64 {
-        let z = numbers as f64;
-        match self {
-            Self::StudentT(k) if mahalanobis_squared > z => {
-                0.5 * (z + (k + z) * math::ln((k + mahalanobis_squared) / (k + z)))
-            }
-            _ => 0.5 * mahalanobis_squared,
+        let (k, z) = match self {
+            Self::Gaussian => return 0.5 * mahalanobis_squared,
+            Self::StudentT(k) => (k, numbers as f64),
+            Self::StudentTOfOne(k) => (k, 1.0),
+        };
+        if mahalanobis_squared > z {
+            0.5 * (z + (k + z) * math::ln((k + mahalanobis_squared) / (k + z)))
+        } else {
+            0.5 * mahalanobis_squared
         }
     }
 
     /// [`Self::log_excess`] for so many numbers: the logarithm of the density of their t-distribution over the normal
     /// one with the same matrix.
     pub fn log_excess_of(self, numbers: usize, mahalanobis_squared: f64) -> f64 {
-        let Self::StudentT(k) = self else { return 0.0 };
-        let z = numbers as f64;
+        let (k, z) = match self {
+            Self::Gaussian => return 0.0,
+            Self::StudentT(k) => (k, numbers as f64),
+            Self::StudentTOfOne(k) => (k, 1.0),
+        };
         let constant = ln_gamma(0.5 * (k + z)) - ln_gamma(0.5 * k) - 0.5 * z * math::ln(0.5 * k);
         constant + 0.5 * mahalanobis_squared - 0.5 * (k + z) * math::ln(1.0 + mahalanobis_squared / k)
     }
@@ -107,6 +130,7 @@ impl Tail {
         match self {
             Self::Gaussian => (2.0 * log_ratio).sqrt(),
             Self::StudentT(k) => (k * (math::exp(2.0 * log_ratio / (k + 2.0)) - 1.0)).sqrt(),
+            Self::StudentTOfOne(k) => (k * (math::exp(2.0 * log_ratio / (k + 1.0)) - 1.0)).sqrt(),
         }
     }
 
@@ -163,6 +187,35 @@ fn within(x: f64) -> f64 {
         term *= x * x / f64::from(2 * n + 1);
     }
     math::exp(-0.5 * (x * x + LN_TAU)) * 2.0 * sum
+}
+
+/// What χ² with so many degrees of freedom, any number, stays below with this probability.
+///
+/// P(χ²_{n+2} > x) = P(χ²_n > x) + (x/2)^(n/2) e^(−x/2) / Γ(n/2 + 1), inverted by bisection.
+pub fn chi_squared_of(n: usize, probability: f64) -> f64 {
+    if n.is_multiple_of(2) || probability >= 1.0 {
+        return chi_squared_of_pairs(n / 2, probability);
+    }
+    let beyond = |x: f64| {
+        // Of one degree: (x/2)^(1/2) e^(−x/2) / Γ(3/2).
+        let (mut term, mut sum) =
+            ((2.0 * x / std::f64::consts::PI).sqrt() * math::exp(-0.5 * x), 1.0 - within(x.sqrt()));
+        for degrees in (1..n).step_by(2) {
+            sum += term;
+            term *= x / (degrees + 2) as f64;
+        }
+        sum
+    };
+    let (mut low, mut high) = (0.0, 256.0);
+    for _ in 0..80 {
+        let middle = 0.5 * (low + high);
+        if beyond(middle) > 1.0 - probability {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    low
 }
 
 /// What χ² with 2 n degrees of freedom stays below with this probability.
@@ -235,6 +288,20 @@ mod tests {
     }
 
     #[test]
+    fn the_tail_of_one_number_is_that_of_any_number_but_for_its_constant() {
+        let (tail, one) = (Tail::StudentT(4.0), Tail::StudentT(4.0).of_one());
+        for d2 in [0.0, 0.4, 9.0, 400.0] {
+            let constant = tail.log_excess_of(1, 0.0);
+            assert!((one.log_excess(d2) + constant - tail.log_excess_of(1, d2)).abs() < 1e-12);
+            assert_eq!(one.noise_scale(d2), tail.noise_scale_of(1, d2));
+            assert_eq!(one.loss_of(2, d2), tail.loss_of(1, d2));
+            let d2 = one.reach(3.0).powi(2);
+            assert!((0.5 * d2 - one.log_excess(d2) - 3.0).abs() < 1e-12);
+        }
+        assert_eq!(Tail::Gaussian.of_one(), Tail::Gaussian);
+    }
+
+    #[test]
     fn quantiles_are_those_of_tables() {
         for (probability, expected) in [(0.5, 0.4549), (0.95, 3.8415), (0.99, 6.6349), (0.99999, 19.511)] {
             assert!((chi_squared(1, probability) - expected).abs() < 1e-3, "{probability}");
@@ -251,6 +318,9 @@ mod tests {
         for (pairs, expected) in [(1, 9.210), (2, 13.277), (5, 23.209), (15, 50.892)] {
             let got = chi_squared_of_pairs(pairs, 0.99);
             assert!((got - expected).abs() < 5e-4, "{pairs}: {got}");
+        }
+        for (degrees, expected) in [(1, 6.635), (2, 9.210), (3, 11.345), (7, 18.475), (15, 30.578)] {
+            assert!((chi_squared_of(degrees, 0.99) - expected).abs() < 1e-3, "{degrees}");
         }
         assert_eq!((chi_squared_of_pairs(3, 1.0), chi_squared_of_pairs(0, 0.99)), (f64::INFINITY, 0.0));
     }

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Seen, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
-use crate::measurement::{Placing, Sensor, EXPECTED_OF_OWN};
+use crate::measurement::{Placing, RangeOrBearing, Sensor, EXPECTED_OF_OWN};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::partial::PartialSlam;
 use crate::sighting::Scan;
@@ -34,6 +34,7 @@ pub fn load(snapshot: &[u8], make: Maker<'_>) -> Result<(Box<dyn Slam>, Config, 
 /// The configured filter at its initial pose with an empty map.
 pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
     Ok(match (&config.sensor, config.algorithm) {
+        _ if config.sensors.are_mixed() => return mixed(config, identities),
         (Sensor::RangeBearing(_), Algorithm::Ekf) => Box::new(EkfSlam::new(config, identities)?),
         (Sensor::RangeBearing(_), Algorithm::Fastslam1 | Algorithm::Fastslam2) => {
             Box::new(FastSlam::new(config, identities)?)
@@ -50,6 +51,14 @@ pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
             Box::new(make(config)?)
         }
         (Sensor::Own(_), _) => return Err(Error::parameter("sensor.model", "own", EXPECTED_OF_OWN)),
+    })
+}
+
+/// The filter for several sensors, some of which measure ranges or bearings alone.
+fn mixed(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
+    Ok(match config.algorithm {
+        Algorithm::Ekf => Box::new(EkfSlam::<RangeOrBearing>::mixed(config, identities)?),
+        Algorithm::Fastslam1 | Algorithm::Fastslam2 => Box::new(FastSlam::<RangeOrBearing>::mixed(config, identities)?),
     })
 }
 

@@ -19,6 +19,7 @@ mod golden;
 mod life_cycle;
 mod linear_world;
 mod metamorphic;
+mod mixed_sensors;
 mod oracle_linear_gaussian;
 mod path_period;
 mod randomness;

@@ -95,11 +95,12 @@ pub fn sightings(
         .collect()
 }
 
-/// Sightings as the sensor of a run makes them: what it does not measure counts for nothing.
-pub fn of_sensor(sensor: &Sensor, mut sightings: Vec<Sighting>) -> Vec<Sighting> {
-    for sighting in &mut sightings {
+/// Sightings as the sensors of a run make them, each by that of the number that `by` gives: what it does not measure counts
+/// for nothing. The filter refuses the numbers of sensors that there are not.
+pub fn of_sensors(sensors: &[&Sensor], by: impl Fn(usize) -> usize, mut sightings: Vec<Sighting>) -> Vec<Sighting> {
+    for (i, sighting) in sightings.iter_mut().enumerate() {
         let [range_m, bearing_rad] = sighting.value;
-        sighting.value = sensor.value_of(range_m, bearing_rad);
+        sighting.value = sensors.get(by(i)).map_or(sighting.value, |sensor| sensor.value_of(range_m, bearing_rad));
     }
     sightings
 }

@@ -73,11 +73,13 @@ pub struct Scan<'py>(
 
 impl Scan<'_> {
     /// The sightings, checked: nothing of the filter has changed when this fails.
-    pub fn sightings(self, config: &Config) -> PyResult<Vec<Sighting>> {
+    ///
+    /// `by` gives the number of the sensor that made each.
+    pub fn sightings(self, config: &Config, by: impl Fn(usize) -> usize) -> PyResult<Vec<Sighting>> {
         let Self(range_m, bearing_rad, identity, noise, class_index, signature) = self;
         let looks = arrays::Looks { class_index, signature };
         let sightings = arrays::sightings(&range_m, &bearing_rad, &identity, noise.as_ref(), &looks)?;
-        let sightings = arrays::of_sensor(&config.sensor, sightings);
+        let sightings = arrays::of_sensors(&config.each_sensor(), by, sightings);
         config.association.check_classes(&sightings).map_err(to_python)?;
         Ok(sightings)
     }
@@ -127,7 +129,7 @@ impl Filter {
     /// its sensor.
     #[pyo3(signature = (stamp_s, scan, by=0))]
     fn update<'py>(&self, py: Python<'py>, stamp_s: f64, scan: Scan<'py>, by: usize) -> PyResult<Bound<'py, PyDict>> {
-        let sightings = scan.sightings(&self.config)?;
+        let sightings = scan.sightings(&self.config, |_| by)?;
         let info = self.worked(py, |filter| filter.take(CoreScan { stamp_s, sensor: by, sightings: &sightings }))?;
         self.answer(py, &info)
     }
@@ -141,7 +143,7 @@ impl Filter {
         stamp_s: f64,
         scan: Scan<'py>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let sightings = scan.sightings(&self.config)?;
+        let sightings = scan.sightings(&self.config, |_| 0)?;
         let both = |filter: &mut dyn Slam| {
             filter.predict(control, dt_s)?;
             filter.update(stamp_s, &sightings)

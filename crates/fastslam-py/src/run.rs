@@ -161,13 +161,14 @@ pub fn run<'py>(
     by: Option<PyReadonlyArray1<'py, u8>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (config, beginning) = (&config::parse(config_json)?, &given::beginning(map, start)?);
+    let sighting_sensors = by.map_or_else(Vec::new, |by| by.as_array().to_vec());
     let log = &LogData {
         control_stamps_s: control_stamps_s.as_array().to_vec(),
         controls: arrays::controls(&controls)?,
         control_covariances: arrays::control_covariances(control_covariance.as_ref())?,
         sighting_stamps_s: sighting_stamps_s.as_array().to_vec(),
-        sighting_sensors: by.map_or_else(Vec::new, |by| by.as_array().to_vec()),
-        sightings: scan.sightings(config)?,
+        sightings: scan.sightings(config, |i| sighting_sensors.get(i).copied().unwrap_or(0).into())?,
+        sighting_sensors,
     };
     let checkpoints = checkpoint.map(|callback| Checkpoints::new(callback, checkpoint_every_s));
     let total = log.step_bound(config.filter.path_period_s);

@@ -130,7 +130,7 @@ impl Stream {
     /// As `odometry`, of the sightings of one moment by the sensor of this number.
     #[pyo3(signature = (stamp_s, scan, by=0))]
     fn sightings(&self, py: Python<'_>, stamp_s: f64, scan: Scan<'_>, by: usize) -> PyResult<&'static str> {
-        let sightings = scan.sightings(&self.config)?;
+        let sightings = scan.sightings(&self.config, |_| by)?;
         self.put(py, |stream| stream.push(Row::Sightings(SightingsRow { stamp_s, sightings, sensor: by })))
     }
 

@@ -79,7 +79,8 @@ def live_stream(
 
     {"t": 12.30, "odom": [5.9, 0.11]} is a row of odometry in the columns of the motion model,
     {"t": 12.21, "see": [[7.2, 0.31, "blue"], [9.0, -0.2]]} what was seen at 12.21: range, bearing, and
-    class where association.classes is configured, else name. With --scanner,
+    class where association.classes is configured, else name; of several sensors "sensor" names the one that
+    saw it, and null stands for what that does not measure. With --scanner,
     {"t": 12.25, "scan": [3.2, null, ..]} is a turn of the laser, a range per beam, in which landmarks are
     detected. Lines that are none of these are counted and reported, and so are sightings of a class that
     is none of --classes; null or a word such as "unknown" says that nobody knows it. What speaks against the

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import DataError
 from ..limits import LARGEST_STAMP_S, WIDEST_GAP_S, stamp_fault
 from ..log import REPEATED_STAMPS, Bools, Controls, Floats, Ints, Problem, Sightings
-from ..measured import BOTH, measured_alone
+from ..measured import BOTH, Measures, as_rows, measured_alone
 from .planar import wrap_to_pi
 
 FULL_TURNS_ALLOWED = 0.01
@@ -50,20 +50,20 @@ def clean_controls(
 
 
 def clean_sightings(
-    sightings: Sightings, *, path: Path, lines: Sequence[int] | None = None, measures: Sequence[str] = BOTH
+    sightings: Sightings, *, path: Path, lines: Sequence[int] | None = None, measures: Measures = BOTH
 ) -> tuple[Sightings, tuple[Problem, ...]]:
     """Sightings in time order with finite, positive ranges and bearings in [-pi, pi].
 
-    `measures` are the columns that the sensor measures; the other one is NaN.
+    `measures` are the columns that the sensor measures, or which of the two each row has; the others are NaN.
     `lines` says where the rows stand in the file. Errors: DataError when there were sightings and none is
     left, or for a stamp that cannot be in seconds or lies months from all others.
     """
     refuse_wrong_stamps(sightings.stamp_s, path=path, lines=lines)
     problems: list[Problem] = []
     sightings = measured_alone(sightings, measures)
-    finite = np.isfinite(sightings.stamp_s)
-    for column in measures:
-        finite &= np.isfinite(getattr(sightings, column))
+    measured = np.isfinite(np.column_stack([getattr(sightings, column) for column in BOTH]))
+    expected = as_rows(measures, len(sightings.stamp_s))
+    finite = np.isfinite(sightings.stamp_s) & (measured | ~expected).all(axis=1)
     _count(problems, "sightings with NaN or infinite stamp, range or bearing: dropped", int(np.sum(~finite)))
     positive = finite & ~(sightings.range_m <= 0.0)
     _count(problems, "sightings with zero or negative range: dropped", int(np.sum(finite & ~positive)))
@@ -100,9 +100,8 @@ def _refuse_degrees(bearing_rad: Floats, path: Path) -> None:
     size = np.abs(bearing_rad)
     far = float(np.mean(size > 2 * np.pi)) if len(size) else 0.0
     if far > FULL_TURNS_ALLOWED or np.any(size > 4 * np.pi):
-        message = (
-            f"bearings up to {size.max():.4g}, {far:.1%} beyond +-2 pi: expected radians, are these degrees?"
-        )
+        most = np.nanmax(size)
+        message = f"bearings up to {most:.4g}, {far:.1%} beyond +-2 pi: expected radians, are these degrees?"
         raise DataError(message, path)
 
 
@@ -112,7 +111,8 @@ def _identical_rows(sightings: Sightings) -> Bools:
     Noise makes no reading twice: the rows were written twice, or a detector's output was recorded twice.
     """
     bearing = np.nan_to_num(sightings.bearing_rad, nan=-1e300)
-    columns = [sightings.stamp_s, sightings.range_m, bearing, sightings.identity]
+    range_m = np.nan_to_num(sightings.range_m, nan=-1e300)
+    columns = [sightings.stamp_s, range_m, bearing, sightings.identity]
     columns += [sightings.class_index, np.nan_to_num(sightings.signature, nan=-1e300)]
     if sightings.sensor_index is not None:
         columns.append(sightings.sensor_index)

@@ -117,7 +117,8 @@ def _stream(stamp_s: Floats) -> StreamInfo:
 
 
 def _extent(values: Floats) -> Extent | None:
-    if len(values) == 0 or np.isnan(values).all():
+    values = values[~np.isnan(values)]
+    if len(values) == 0:
         return None
     return Extent(float(values.min()), float(np.median(values)), float(values.max()))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from .._hints import like_named
 from ..errors import DataError
 from ..log import Log, Problem
-from ..measured import measured_columns
+from ..measured import measured_by_sensor, measured_columns
 from .clean import no_sightings
 from .native_odometry import Odometry, read_odometry
 from .native_settings import LEAST_SENSOR, read_settings
@@ -39,7 +39,7 @@ def load(path: Path, options: LoadOptions) -> Log:
     settings = read_settings(_required(path, "log.yaml"))
     odometry_file = _required(path, "odometry.csv")
     measures = measured_columns(settings.config.get("sensor", {}).get("model"))
-    sensors = sorted(settings.config.get("sensors", {}))
+    sensors = measured_by_sensor(settings.config)
     if only_scans:
         seen = SightingsFile(no_sightings())
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,8 +10,8 @@ import numpy as np
 
 from ..errors import DataError
 from ..identity import nobody_knows
-from ..log import Floats, Ints, Problem, Sightings
-from ..measured import BOTH
+from ..log import Bools, Floats, Ints, Problem, Sightings
+from ..measured import BOTH, measured_rows
 from .clean import clean_sightings
 from .columns import Quantity, name_columns
 from .csv_table import CsvTable, read_csv
@@ -43,6 +43,8 @@ QUANTITIES = (
     *(Quantity(name, (), "m2") for name in POINT_COVARIANCE_COLUMNS),
 )
 IGNORED = ("confidence", "score", "probability", "seq", "sequence", "frame_id", "frame", "z", "elevation")
+BySensor = Mapping[str, Sequence[str]]
+"""The columns that each of several sensors measures, by name."""
 EXAMPLE = "stamp_s,range_m,bearing_rad,landmark_id"
 
 
@@ -61,30 +63,36 @@ class SightingsFile:
 
 
 def read_sightings(
-    path: Path, *, measures: Sequence[str] = BOTH, sensors: Collection[str] = ()
+    path: Path, *, measures: Sequence[str] = BOTH, sensors: BySensor | None = None
 ) -> SightingsFile:
     """The sightings, polar or Cartesian, in any of the dialects. Errors: DataError with file and line.
 
     `measures` are the columns of the sensor's model; the other one is not asked for, and not kept.
-    `sensors` are the names of the log's `sensors`.
+    `sensors` are the columns that each of the log's `sensors` measures, by name.
     """
     table = read_csv(path, example=EXAMPLE, allow_empty=True)
     return sightings_of(table, measures=measures, sensors=sensors)
 
 
 def sightings_of(
-    table: CsvTable, *, measures: Sequence[str] = BOTH, sensors: Collection[str] = ()
+    table: CsvTable, *, measures: Sequence[str] = BOTH, sensors: BySensor | None = None
 ) -> SightingsFile:
     """The sightings that a table holds under any of the names known. Errors: DataError with its line."""
     table = name_columns(table, QUANTITIES, ignored=IGNORED)
+    sensors = sensors or {}
     sensor_index, sensor_names = _sensors(table, sensors)
+    by_row = measured_rows(sensor_index, sensor_names, sensors)
     cartesian = _is_cartesian(table, measures=measures)
     identity, identity_names = _named(*_labels(table, "landmark_id"))
     class_index, class_names = _named(*_labels(table, "class"))
     signature: Floats = np.full(len(table.lines), np.nan)
     if "signature" in table.index_of:
         signature = table.numbers("signature", empty=float("nan"))
-    range_m, bearing_rad = _polar(table) if cartesian else _given(table, measures=measures)
+    if by_row is not None:
+        makers = [sensor_names[index] for index in sensor_index.tolist()] if sensor_index is not None else []
+        range_m, bearing_rad = _given_by_sensor(table, by_row, makers, cartesian=cartesian)
+    else:
+        range_m, bearing_rad = _polar(table) if cartesian else _given(table, measures=measures)
     raw = Sightings(
         stamp_s=table.stamps("stamp_s"),
         range_m=range_m,
@@ -92,7 +100,7 @@ def sightings_of(
         identity=identity,
         class_index=class_index,
         signature=signature,
-        covariance=_point_covariance(table) if cartesian else _own_covariance(table, measures),
+        covariance=_point_covariance(table) if cartesian else _own_covariance(table, measures, by_row),
         sensor_index=sensor_index,
     )
     left_out = [column for column in BOTH if column not in measures and column in table.index_of]
@@ -104,7 +112,8 @@ def sightings_of(
         notes += (
             f"sightings are of {', '.join(sensor_names)}, which a run needs `sensors` for: log.yaml has none",
         )
-    sightings, problems = clean_sightings(raw, path=table.path, lines=table.lines, measures=measures)
+    rows = measures if by_row is None else by_row
+    sightings, problems = clean_sightings(raw, path=table.path, lines=table.lines, measures=rows)
     if not table.lines:
         problems = (Problem(f"{table.path.name} holds no sighting: only the odometry is left"),)
     return SightingsFile(
@@ -177,6 +186,34 @@ def _given(table: CsvTable, *, measures: Sequence[str]) -> tuple[Floats, Floats]
     return range_m, bearing_rad
 
 
+def _given_by_sensor(
+    table: CsvTable, by_row: Bools, makers: Sequence[str], *, cartesian: bool
+) -> tuple[Floats, Floats]:
+    """Range and bearing of rows by sensors of which some measure one alone; their other cell is empty.
+
+    Errors: DataError with the line of a row that lacks what its sensor measures, or has what it does not.
+    """
+    if cartesian:
+        alone = makers[int(np.argmin(by_row.all(axis=1)))] if len(makers) else "some"
+        message = f"sightings are x, y, but {alone} measures one number: expected range_m,bearing_rad"
+        raise DataError(message, table.path, table.header_line)
+    columns = []
+    for place, column in enumerate(BOTH):
+        values = table.numbers(column, empty=float("nan"))
+        # An empty cell is told from one that says NaN, which is a reading that failed.
+        is_empty = np.isnan(values) & np.isinf(table.numbers(column, empty=float("inf")))
+        for wrong, got, expected in (
+            (by_row[:, place] & is_empty, "nothing", "a number: sensor {} measures it"),
+            (~by_row[:, place] & ~np.isnan(values), "{}", "an empty cell: sensor {} does not measure it"),
+        ):
+            if wrong.any():
+                row = int(np.argmax(wrong))
+                said = f"got {got.format(f'{values[row]:g}')}, expected {expected.format(makers[row])}"
+                raise DataError(f"{column}: {said}", table.path, table.lines[row])
+        columns.append(values)
+    return columns[0], columns[1]
+
+
 def _polar(table: CsvTable) -> tuple[Floats, Floats]:
     x, y = table.numbers("x_m"), table.numbers("y_m")
     return np.hypot(x, y), np.arctan2(y, x)
@@ -190,14 +227,14 @@ def _point_covariance(table: CsvTable) -> Floats | None:
     return polar_covariance(table.numbers("x_m"), table.numbers("y_m"), covariance)
 
 
-def _own_covariance(table: CsvTable, measures: Sequence[str]) -> Floats | None:
+def _own_covariance(table: CsvTable, measures: Sequence[str], by_row: Bools | None) -> Floats | None:
     """Covariances of sightings; of a sensor that measures one column its variance is enough.
 
     Errors: DataError for a part of the columns, and for covariances that are none.
     """
     own = [COVARIANCE_COLUMNS[2 * BOTH.index(column)] for column in measures]
     if len(own) > 1 or [name for name in COVARIANCE_COLUMNS if name in table.index_of] != own:
-        return _covariance(table, COVARIANCE_COLUMNS)
+        return _covariance(table, COVARIANCE_COLUMNS, by_row)
     variance = table.numbers(own[0], empty=float("nan"))
     wrong = ~np.isnan(variance) & ~(np.isfinite(variance) & (variance > 0.0))
     if wrong.any():
@@ -209,8 +246,18 @@ def _own_covariance(table: CsvTable, measures: Sequence[str]) -> Floats | None:
     return values
 
 
-def _covariance(table: CsvTable, names: tuple[str, ...]) -> Floats | None:
-    """Covariances (S, 3), NaN for the sensor's own; None without the columns. All or none must be there."""
+def _complete_variances(values: Floats, by_row: Bools) -> None:
+    """Makes covariances of the variances of sightings of one number; nobody reads what is not measured."""
+    for alone, own in ((0, 0), (1, 2)):
+        rows = by_row[:, alone] & ~by_row[:, 1 - alone] & ~np.isnan(values[:, own])
+        values[rows, 1], values[rows, 2 - own] = 0.0, 1.0
+
+
+def _covariance(table: CsvTable, names: tuple[str, ...], by_row: Bools | None = None) -> Floats | None:
+    """Covariances (S, 3), NaN for the sensor's own; None without the columns. All or none must be there.
+
+    `by_row` says which of range and bearing each row has; the variance of that is enough.
+    """
     present = [name for name in names if name in table.index_of]
     if not present:
         return None
@@ -222,6 +269,8 @@ def _covariance(table: CsvTable, names: tuple[str, ...]) -> Floats | None:
             table.header_line,
         )
     values = np.column_stack([table.numbers(name, empty=float("nan")) for name in names])
+    if by_row is not None:
+        _complete_variances(values, by_row)
     given = ~np.isnan(values).all(axis=1)
     definite = (values[:, 0] > 0) & (values[:, 2] > 0) & (values[:, 0] * values[:, 2] > values[:, 1] ** 2)
     wrong = given & ~(definite & np.isfinite(values).all(axis=1))

@@ -142,8 +142,8 @@ impl Round {
     }
 
     /// The pairs of the best assignment: row, candidate, log-likelihood, and by how much the row's next best
-    /// explanation is worse; the least ambiguous first.
-    fn pairs(&self) -> Vec<(usize, u32, f64, f64)> {
+    /// explanation is worse, `least_lead` at least; the least ambiguous first.
+    fn pairs(&self, least_lead: f64) -> Vec<(usize, u32, f64, f64)> {
         let (rows, landmarks) = (self.sightings.len(), self.candidates.len());
         let columns = landmarks + rows;
         let mut pairs = Vec::new();
@@ -155,7 +155,9 @@ impl Round {
             let others = costs.iter().enumerate().filter(|(c, _)| *c != column).map(|(_, cost)| *cost);
             if let Some(fit) = self.fits[row * landmarks + column] {
                 let margin = others.fold(f64::INFINITY, f64::min) - costs[column];
-                pairs.push((row, self.candidates[column], fit.log_likelihood, margin));
+                if margin >= least_lead {
+                    pairs.push((row, self.candidates[column], fit.log_likelihood, margin));
+                }
             }
         }
         pairs.sort_by(|a, b| b.3.total_cmp(&a.3));
@@ -222,7 +224,7 @@ impl<H: Hypothesis> Deciding<'_, H> {
     fn assign_some(&mut self) -> bool {
         let sightings = std::mem::take(&mut self.left);
         let round = Round::new(self.rules, self.among, self.hypothesis, self.used, sightings);
-        let pairs = round.pairs();
+        let pairs = round.pairs(self.rules.least_lead);
         // Nothing that is decided can change the rest when the pose is known.
         let certain = self.hypothesis.pose_is_certain();
         let take = if certain { pairs.len() } else { pairs.len().min(1) };

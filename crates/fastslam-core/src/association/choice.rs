@@ -44,7 +44,7 @@ impl Choice {
             Some((candidate, fit)) if self.certain => (Decision::Landmark(candidate), fit.log_likelihood),
             Some((candidate, fit)) if fit.log_likelihood >= rules.log_new_density => {
                 let explains = fit.log_likelihood >= rules.log_unexplained_density;
-                if explains && fit.mahalanobis_squared <= rules.gate {
+                if explains && fit.mahalanobis_squared <= rules.gate && self.margin >= rules.least_lead {
                     (Decision::Landmark(candidate), fit.log_likelihood)
                 } else {
                     (Decision::Ignored, rules.log_unexplained_density)

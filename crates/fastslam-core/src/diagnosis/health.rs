@@ -91,6 +91,8 @@ pub(crate) struct Vitals {
     pub births_before: u64,
     /// Whether every sighting names its landmark: then one of a new landmark is explained by its name.
     pub names_known: bool,
+    /// Whether the sensor says where a landmark is. Of one that does not, much shows what the map never had.
+    pub places: bool,
     /// Of the last examined scan, where one was.
     pub map_in_view: Option<MapInView>,
 }
@@ -349,7 +351,7 @@ impl Watch {
         let expected = if vitals.names_known { 0 } else { self.expected_from(vitals.T_world_robot) };
         let share = newest(settings.window_scans);
         if self.sightings > 0 {
-            if !vitals.names_known {
+            if !vitals.names_known && vitals.places {
                 self.look_for_tears(expected, vitals.births_before);
             }
             let unexplained = 1.0 - self.matches.len() as f64 / self.sightings as f64;
@@ -357,7 +359,9 @@ impl Watch {
             let fault = if expected >= EXPECTED_MIN && !vitals.names_known { unexplained } else { 0.0 };
             let effective = vitals.effective_sample_size / vitals.particles as f64;
             self.fits.effective += share * (effective - self.fits.effective);
-            self.fits.unexplained += share * (fault - self.fits.unexplained);
+            if vitals.places {
+                self.fits.unexplained += share * (fault - self.fits.unexplained);
+            }
             self.fits.scans_matched += u32::from(!self.matches.is_empty());
             let blindness = &mut self.blindness;
             if let (Some(last_s), false) = (blindness.last_sighting_s, self.matches.is_empty()) {

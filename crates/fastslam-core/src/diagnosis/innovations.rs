@@ -11,7 +11,7 @@
 //!
 //! [`NoiseCheck`]: super::noise::NoiseCheck
 
-use crate::geometry::{multiply3, Matrix3};
+use crate::geometry::{multiply3, Matrix3, Symmetric2};
 use crate::normal::Cholesky;
 use serde::{Deserialize, Serialize};
 
@@ -35,13 +35,15 @@ type Square = [[f64; SIZE]; SIZE];
 /// The sightings of a scan as the filter predicted them.
 #[derive(Clone, Debug)]
 pub(crate) struct PredictedScan {
-    /// Numbers in use: twice the sightings.
+    /// Numbers in use: twice the sightings, or as many where each has one.
     pub size: usize,
+    /// Of which noise of the sensor each of them is: range and bearing in turn, or all of the one.
+    pub component: [usize; SIZE],
     /// Measured minus predicted, sighting after sighting.
     pub innovation: [f64; SIZE],
     /// S: covariance of the innovation.
     pub covariance: Square,
-    /// Variances of the sensor's noise, range and bearing in turn.
+    /// Variances of the sensor's noise.
     pub noise: [f64; SIZE],
     /// Derivative of each number by the robot's pose.
     pub by_pose: [[f64; 3]; SIZE],
@@ -53,6 +55,7 @@ impl Default for PredictedScan {
     fn default() -> Self {
         Self {
             size: 0,
+            component: std::array::from_fn(|i| i % 2),
             innovation: [0.0; SIZE],
             covariance: [[0.0; SIZE]; SIZE],
             noise: [0.0; SIZE],
@@ -85,11 +88,11 @@ impl<const K: usize> Default for Found<K> {
 /// What one scan says.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(crate) struct ScanScore {
-    /// Sightings.
+    /// Sightings; those of one number count half.
     pub sightings: f64,
     /// νᵀ S⁻¹ ν: the normalised innovation squared (NIS); two per sighting are expected.
     pub nis: f64,
-    /// Σ ν² / S of the ranges and of the bearings alone; one per sighting is expected.
+    /// Σ ν² / S of the ranges and of the bearings alone; one per sighting is expected. As expected where there are none.
     pub of_component: [f64; 2],
     /// NIS over its expectation, nothing cut off: of the whole, and with the pose free (NaN where nothing is left then).
     pub ratios: [f64; 2],
@@ -102,6 +105,35 @@ pub(crate) struct ScanScore {
 }
 
 impl PredictedScan {
+    /// Of so many sightings by a sensor that measures range, bearing or both, without a number yet.
+    pub fn of_sightings(count: usize, [range, bearing]: [bool; 2]) -> Self {
+        let each = usize::from(range) + usize::from(bearing);
+        let component = std::array::from_fn(|i| if range { i % each } else { 1 });
+        Self { size: each * count, component, ..Self::default() }
+    }
+
+    /// Enters what is predicted of a sighting: innovation and covariance, the noise, and how both numbers depend on the pose.
+    pub fn predict(
+        &mut self,
+        sighting: usize,
+        (innovation, covariance): ([f64; 2], Symmetric2),
+        noise: Symmetric2,
+        by_pose: &[[f64; 3]; 2],
+    ) {
+        let (each, Symmetric2 { xx, xy, yy }) =
+            (if self.component[0] == self.component[1] { 1 } else { 2 }, covariance);
+        let (first, block) = (each * sighting, [[xx, xy], [xy, yy]]);
+        for row in first..first + each {
+            let own = self.component[row];
+            self.by_pose[row] = by_pose[own];
+            self.innovation[row] = innovation[own];
+            self.noise[row] = [noise.xx, noise.yy][own];
+            for column in first..first + each {
+                self.covariance[row][column] = block[own][self.component[column]];
+            }
+        }
+    }
+
     /// Adds to the covariance what an uncertain pose does: G P Gᵀ.
     pub fn add_uncertain_pose(&mut self, covariance: &Matrix3) {
         for i in 0..self.size {
@@ -120,12 +152,16 @@ impl PredictedScan {
         let weighted = times(&inverse, &self.innovation, n);
         let nis: f64 = (0..n).map(|i| weighted[i] * self.innovation[i]).sum();
         let kept = (LARGEST_RATIO * n as f64 / nis).min(1.0);
+        let sightings = 0.5 * n as f64;
         let of_component = |component: usize| {
             let ratio = |i: usize| self.innovation[i] * self.innovation[i] / self.covariance[i][i];
-            kept * (component..n).step_by(2).map(ratio).sum::<f64>()
+            match self.of(component).count() {
+                0 => sightings,
+                count => kept * self.of(component).map(ratio).sum::<f64>() * (sightings / count as f64),
+            }
         };
         let mut score = ScanScore {
-            sightings: 0.5 * n as f64,
+            sightings,
             nis: kept * nis,
             of_component: [of_component(0), of_component(1)],
             ratios: [nis / n as f64, f64::NAN],
@@ -134,6 +170,11 @@ impl PredictedScan {
         self.score_motion(&inverse, &weighted, most(nis, n, usual[0]), &mut score);
         self.score_sensor(&inverse, usual[1], &mut score)?;
         Some(score)
+    }
+
+    /// The numbers of one noise of the sensor.
+    fn of(&self, component: usize) -> impl Iterator<Item = usize> + '_ {
+        (0..self.size).filter(move |i| self.component[*i] == component)
     }
 
     /// The motion's noises: with G = ∂z/∂pose and P_k what noise k adds to the pose, S_k = G P_k Gᵀ, all of it follows
@@ -145,7 +186,7 @@ impl PredictedScan {
         let grip = self.information_of_pose(&by_pose);
         let of_sensor: [Matrix3; SENSOR_NOISES] = std::array::from_fn(|l| {
             std::array::from_fn(|a| {
-                std::array::from_fn(|b| (l..n).step_by(2).map(|i| by_pose[i][a] * self.noise[i] * by_pose[i][b]).sum())
+                std::array::from_fn(|b| self.of(l).map(|i| by_pose[i][a] * self.noise[i] * by_pose[i][b]).sum())
             })
         });
         let gripped = self.motion.map(|part| multiply3(&part, &grip));
@@ -188,10 +229,11 @@ impl PredictedScan {
         let kept = most(nis, n, usual);
         score.ratios[1] = nis / (n - 3) as f64;
         for i in 0..n {
-            score.sensor.squares[i % 2] += kept * weighted[i] * weighted[i] * self.noise[i];
-            score.sensor.expected[i % 2] += free[i][i] * self.noise[i];
+            let of = self.component[i];
+            score.sensor.squares[of] += kept * weighted[i] * weighted[i] * self.noise[i];
+            score.sensor.expected[of] += free[i][i] * self.noise[i];
             for j in 0..n {
-                score.sensor.shares[i % 2][j % 2] += free[i][j] * free[i][j] * self.noise[i] * self.noise[j];
+                score.sensor.shares[of][self.component[j]] += free[i][j] * free[i][j] * self.noise[i] * self.noise[j];
             }
         }
         Some(())

@@ -242,7 +242,8 @@ impl Sums {
         let Found { squares, expected, mut shares } = self.sensor.sum;
         for (row, expected) in shares.iter_mut().zip(expected) {
             let sum: f64 = row.iter().sum();
-            row.iter_mut().for_each(|share| *share *= expected / sum);
+            // Of what was never measured there is nothing to divide.
+            row.iter_mut().filter(|share| **share != 0.0).for_each(|share| *share *= expected / sum);
         }
         Factors::solve(self.sensor.observed(), &shares, &squares, &self.sensor.chance())
     }

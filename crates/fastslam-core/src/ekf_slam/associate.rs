@@ -1,6 +1,6 @@
 //! Steps in which the filter decides which landmark a sighting shows.
 
-use super::EkfSlam;
+use super::{EkfSlam, Eye};
 use crate::association::{decide, Candidates, Decision, Hypothesis, ScanSighting, Scratch};
 use crate::error::Result;
 use crate::filter::StepInfo;
@@ -56,7 +56,8 @@ impl<M: Placing> EkfSlam<M> {
     ///
     /// **Why:** a linear search is as nothing beside the correction, and traces bound the largest eigenvalues.
     fn candidates(&self, scan: &[ScanSighting]) -> Vec<Vec<u32>> {
-        let reach = self.eye().rules.gate_radius(&self.eye().model, self.eye().sensor.tail());
+        let Eye { model, sensor: of, rules, .. } = self.eye();
+        let reach = rules.gate_radius(model, model.tail(of.tail()));
         let sensor = self.state.pose.compose(self.eye().T_robot_sensor);
         let lever_arm_m = self.eye().T_robot_sensor.x.hypot(self.eye().T_robot_sensor.y);
         let pose = self.state.covariance.of_pose();
@@ -75,6 +76,9 @@ impl<M: Placing> EkfSlam<M> {
                 + self.eye().model.position_variance(value, noise);
             let [x, y] = self.eye().model.inverse(sensor, value);
             let near = |index: u32| {
+                if !model.places() {
+                    return true;
+                }
                 let [u, v] = self.landmark_mean(index);
                 (u - x).hypot(v - y) <= reach * ((2.0 * variance).sqrt() + spread_m[index as usize])
             };

@@ -19,13 +19,13 @@ use crate::diagnosis::names::{Doubt, Misfit, NamedPlace, IMPLAUSIBLE};
 use crate::diagnosis::{NoiseReport, TwoPlaces};
 use crate::error::{Error, Result};
 use crate::filter::{
-    usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Scan, Seen, Sighting, StepInfo, Taken,
+    shown, usable, Identities, MapEstimate, MapLandmark, PoseEstimate, Scan, Seen, Sighting, StepInfo, Taken,
 };
 use crate::geometry::{moved_by, Pose, Symmetric2};
-use crate::landmark::{first_sighting, fit_with_tail, Fit, Measured};
+use crate::landmark::{fit_with_tail, Fit, Measured};
 use crate::limits::LARGEST_STATE;
 use crate::math::wrap_angle;
-use crate::measurement::{Placing, RangeBearing, Sensor};
+use crate::measurement::{Placing, RangeBearing, RangeOrBearing, Sensor};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::real::Dual;
 use crate::step_info::NoiseInWindow;
@@ -145,6 +145,8 @@ fn gazes(config: &Config) -> BySensor<Gaze> {
 /// A sighting of a known landmark: as measured, and how it fitted.
 struct SeenAgain {
     value: [f64; 2],
+    /// The same with what is not measured as the state had it.
+    completed: [f64; 2],
     index: u32,
     innovation: [f64; 2],
     s: Symmetric2,
@@ -163,6 +165,15 @@ impl EkfSlam {
     /// `identities` says which sightings will come with one; `Config::association.mode = unknown` overrules it.
     pub fn new(config: Config, identities: Identities) -> Result<Self> {
         let models = config.each_sensor().into_iter().map(Sensor::range_bearing).collect::<Result<_>>()?;
+        Self::with_models(config, identities, models)
+    }
+}
+
+impl EkfSlam<RangeOrBearing> {
+    /// A filter for several sensors (`Config::sensors`), some of which measure ranges or bearings alone: see
+    /// [`crate::filter::FastSlam::mixed`].
+    pub fn mixed(config: Config, identities: Identities) -> Result<Self> {
+        let models = config.each_sensor().into_iter().map(RangeOrBearing::of).collect::<Result<_>>()?;
         Self::with_models(config, identities, models)
     }
 }
@@ -254,7 +265,9 @@ impl<M: Placing> EkfSlam<M> {
             Identities::All => self.correct_identified(&scan, &mut info)?,
             _ => self.correct_associated(&scan, &mut info)?,
         };
-        for sighting in new {
+        let (founds, left_out) = if self.eye().model.places() { (new, 0) } else { (Vec::new(), new.len()) };
+        info.left_out.ignored += left_out as u32;
+        for sighting in founds {
             match sighting.identity.and_then(|identity| self.state.of_identity.get(&identity).copied()) {
                 // A second sighting of a landmark that this scan created.
                 Some(index) if self.identities == Identities::All => {
@@ -305,13 +318,11 @@ impl<M: Placing> EkfSlam<M> {
     /// Gives the watch the sightings of known landmarks. Of the noises together, as the joint state does not keep them
     /// apart.
     fn note_fits(&mut self) {
-        for SeenAgain { value, index, innovation, s } in self.seen_again.drain(..) {
-            self.state.watch.matched(std::iter::once((value, u64::from(index))), 0);
+        for SeenAgain { value, completed, index, innovation, s } in self.seen_again.drain(..) {
+            self.state.watch.matched(std::iter::once((completed, u64::from(index))), 0);
             self.seen.push(Seen { value, taken: Taken::Landmark(u64::from(index)) });
-            let mut scan = PredictedScan { size: 2, ..PredictedScan::default() };
-            scan.innovation[..2].copy_from_slice(&innovation);
-            scan.covariance[0][..2].copy_from_slice(&[s.xx, s.xy]);
-            scan.covariance[1][..2].copy_from_slice(&[s.xy, s.yy]);
+            let mut scan = PredictedScan::of_sightings(1, self.eyes[self.looking].model.measures());
+            scan.predict(0, (innovation, s), Symmetric2::default(), &[[0.0; 3]; 2]);
             self.state.watch.noise.add(&scan);
         }
     }
@@ -350,6 +361,7 @@ impl<M: Placing> EkfSlam<M> {
             pose_covariance,
             births_before,
             names_known: self.identities == Identities::All,
+            places: self.eye().model.places(),
             map_in_view,
         };
         let Self { eyes, looking, state, .. } = self;
@@ -376,7 +388,9 @@ impl<M: Placing> EkfSlam<M> {
         let believed = self.state.watch.names.believe(known.len(), &all, excess);
         for (&(j, identity, index), _) in misfits.iter().zip(believed).rev().filter(|(_, believed)| !believed) {
             let misfit = self.misfit(&scan[j], identity, index);
-            if self.state.watch.names.doubt(&misfit) == Doubt::Move {
+            // What does not say where a landmark is has none to move.
+            let places = self.eye().model.places();
+            if places && self.state.watch.names.doubt(&misfit) == Doubt::Move {
                 self.state.landmarks[index as usize].is_given_up = true;
                 self.state.of_identity.remove(&identity);
             } else {
@@ -392,7 +406,7 @@ impl<M: Placing> EkfSlam<M> {
     /// **Why:** beside the pose's error, which all landmarks share, one is known as well as by a sighting.
     fn misplaced(&self, measured: &Measured, identity: u32, index: u32) -> Misplaced {
         let sensor = self.state.pose.compose(self.eye().T_robot_sensor);
-        let shown = first_sighting(&self.eye().model, sensor, measured.value, measured.noise);
+        let shown = shown(&self.eye().model, sensor, measured, self.landmark_mean(index));
         Misplaced::new(identity, (self.landmark_mean(index), shown.covariance), (shown.mean, shown.covariance))
     }
 
@@ -485,6 +499,17 @@ impl<M: Placing> EkfSlam<M> {
         }
     }
 
+    /// A sighting of a landmark, with what is not measured as the state has it.
+    fn completed(&self, index: u32, measured: &Measured) -> [f64; 2] {
+        let Eye { model, T_robot_sensor, .. } = self.eye();
+        let expected = || model.expected(self.state.pose.compose(*T_robot_sensor), self.landmark_mean(index));
+        if model.places() {
+            measured.value
+        } else {
+            model.completed(measured.value, expected())
+        }
+    }
+
     /// Conditions the whole state on a sighting of a landmark and returns how well it fitted before.
     ///
     /// **Why:** with S = L Lᵀ and W = P Hᵀ L⁻ᵀ the update P ← P − W Wᵀ, x ← x + W L⁻¹ ν needs no inverse and is
@@ -493,7 +518,8 @@ impl<M: Placing> EkfSlam<M> {
         let measured = &sighting.measured;
         let view = self.view(index, measured);
         let fit = fit_with_tail(view.innovation, view.s, measured.tail);
-        self.seen_again.push(SeenAgain { value: measured.value, index, innovation: view.innovation, s: view.s });
+        let (value, completed) = (measured.value, self.completed(index, measured));
+        self.seen_again.push(SeenAgain { value, completed, index, innovation: view.innovation, s: view.s });
         let more = measured.noise.scaled(measured.tail.noise_scale(fit.mahalanobis_squared) - 1.0);
         let s = Symmetric2::new(view.s.xx + more.xx, view.s.xy + more.xy, view.s.yy + more.yy);
         if !s.is_positive_definite() {

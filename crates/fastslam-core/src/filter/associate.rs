@@ -16,9 +16,10 @@ use super::weigh::clear_log_likelihood;
 use super::work::{Associating, Moment, Work};
 use super::StepInfo;
 use crate::association::{
-    decide, decide_assignment, decide_joint, decide_sampled, fast, CandidateTable, Candidates, Decision, FitTable,
-    Hypothesis, Identities, Method, Outcome, ParticleHypothesis, Rules, Sampler, ScanSighting, Scratch,
+    decide, decide_assignment, decide_joint, decide_sampled, fast, Box2, CandidateTable, Candidates, Decision,
+    FitTable, Hypothesis, Identities, Method, Outcome, ParticleHypothesis, Rules, Sampler, ScanSighting, Scratch,
 };
+use crate::landmark::Measured;
 use crate::measurement::Placing;
 use crate::random::{Purpose, Stream};
 use crate::workers::{Shares, PART};
@@ -68,7 +69,7 @@ pub(super) fn list_named(landmarks: &Landmarks, scan: &[ScanSighting], named: &m
 
 /// Refines the beliefs of all particles by the sightings of known landmarks.
 fn refine_by_names<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
-    let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
     for (sighting, slot) in scan.iter().zip(&work.associating.named) {
         let Some(slot) = slot else { continue };
         let rows = state.landmarks.read(*slot);
@@ -84,17 +85,14 @@ fn refine_by_names<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut W
 fn find_candidates<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) {
     let Work { beliefs, associating, .. } = work;
     let Associating { table, slots, .. } = associating;
-    let (model, landmarks) = (&setup.models.measurement, &mut state.landmarks);
+    let landmarks = &mut state.landmarks;
     let extent = Extent::of(beliefs, setup.models.T_robot_sensor);
     table.clear(scan.len());
     (table.particles, table.columns) = (state.particles.len(), landmarks.columns());
     let size = table.particles * table.columns;
     slots.clear();
     for (sighting, found) in scan.iter().zip(&mut table.of_sighting) {
-        let reach = [setup.settings.gate_radius, setup.models.lever_arm_m];
-        let region = extent
-            .region_of(model, &sighting.measured, reach)
-            .unwrap_or_else(|| beliefs.region_of(model, setup.models.T_robot_sensor, &sighting.measured, reach));
+        let region = region_of(setup, beliefs, &extent, sighting.measured);
         landmarks.find(&region, found);
         if let Some(identity) = sighting.identity {
             found.extend_from_slice(landmarks.of_identity(identity));
@@ -118,6 +116,25 @@ fn find_candidates<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut W
     table.number_candidates();
 }
 
+/// Where a sighted landmark can be in any map.
+fn region_of<M: Placing>(setup: &Setup<M>, beliefs: &Beliefs, extent: &Extent, measured: Measured) -> Box2 {
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
+    let reach = [setup.settings.gate_radius, setup.models.lever_arm_m];
+    let around = |measured: &Measured| {
+        let region = extent.region_of(model, measured, reach);
+        region.unwrap_or_else(|| beliefs.region_of(model, T_robot_sensor, measured, reach))
+    };
+    if model.places() {
+        return around(&measured);
+    }
+    model.extremes(measured.value).into_iter().fold(Box2::EMPTY, |mut all, value| {
+        let region = around(&Measured { value, ..measured });
+        all.include(region.low, 0.0);
+        all.include(region.high, 0.0);
+        all
+    })
+}
+
 /// Every particle's decisions (an equal share each), with its belief refined by them; then those for landmarks that may
 /// not exist. Returns how many particles fell back to a simpler method.
 fn decide_all<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, scan: &[ScanSighting]) -> u32 {
@@ -127,7 +144,7 @@ fn decide_all<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
     if scan.is_empty() {
         return 0;
     }
-    let rules = doubtful::rules(&setup.settings, &state.landmarks);
+    let rules = doubtful::rules(setup, &state.landmarks);
     let stream = setup.settings.random.stream(Purpose::Association, state.counters.samplings);
     gather_evidence(&setup.settings, &mut state.landmarks, scan, &mut work.associating);
     let mut fell_back = 0;
@@ -150,7 +167,7 @@ fn decide_together<M: Placing>(
     work: &mut Work,
     scan: &[ScanSighting],
 ) {
-    let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
     let Work { associating, beliefs, log_likelihood, .. } = work;
     let Associating { table, fits, deciding, decisions, .. } = associating;
     let (table, evidence, deciding) = (&*table, &fits.evidence, &*deciding);
@@ -169,7 +186,7 @@ fn fill_fits<M: Placing>(
     table: &CandidateTable,
     fits: &mut FitTable,
 ) {
-    let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
     fits.fill(table, |j, candidate, log_likelihood, distance| {
         let columns = [log_likelihood, distance];
         beliefs.fit(model, T_robot_sensor, &scan[j].measured, &table.rows(candidate), columns);
@@ -208,7 +225,7 @@ fn decide_each<M: Placing>(
     work: &mut Work,
     scan: &[ScanSighting],
 ) -> u32 {
-    let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
     let Work { associating, beliefs, log_likelihood, .. } = work;
     let Associating { table, fits, deciding, decisions, .. } = associating;
     let (table, fits, deciding, fell_back) = (&*table, &*fits, &*deciding, AtomicU32::new(0));

@@ -88,7 +88,8 @@ fn adopt_landmark<M>(setup: &Setup<M>, state: &mut State, landmark: GivenLandmar
     Ok(())
 }
 
-/// Leaves out what would found a second landmark over a fixed one: sightings that may show it, however badly.
+/// Leaves out what would found a landmark and cannot: all sightings of a sensor that places none; and those that would
+/// found a second landmark over a fixed one, which they may show, however badly.
 pub(super) fn refuse_foundings<M: Placing>(
     setup: &Setup<M>,
     given: &Given,
@@ -96,6 +97,10 @@ pub(super) fn refuse_foundings<M: Placing>(
     scan: &[ScanSighting],
     decisions: &mut [Decision],
 ) {
+    if !setup.models.measurement().places() {
+        decisions.iter_mut().filter(|decision| **decision == Decision::New).for_each(|d| *d = Decision::Ignored);
+        return;
+    }
     let fixed = Fixed::of(given);
     if scan.is_empty() || fixed.places.is_empty() {
         return;
@@ -128,7 +133,7 @@ impl Fixed {
 
 /// Whether a sighting may show one of these landmarks.
 fn may_show<M: Placing>(setup: &Setup<M>, belief: &Belief, measured: &Measured, fixed: &Fixed) -> bool {
-    let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
     let [x, y] = model.inverse(belief.mean.compose(T_robot_sensor), measured.value);
     let [[xx, ..], [_, yy, _], [.., hh]] = belief.covariance;
     let lever_m = model.range(measured.value) + setup.models.lever_arm_m;
@@ -179,7 +184,7 @@ fn count_given<M: Placing>(setup: &Setup<M>, state: &mut State, sighted: &[u32],
     let births: Vec<u64> = sighted.iter().map(|slot| state.landmarks.birth(*slot)).collect();
     let pose = state.particles.pose(state.particles.best());
     let belief = Belief { mean: pose, covariance: [[0.0; 3]; 3] };
-    let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
     let sensor = pose.compose(T_robot_sensor);
     let config = &setup.settings.config;
     let Given { landmarks, seen, is_entered, .. } = &mut state.given;

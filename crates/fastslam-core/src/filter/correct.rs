@@ -147,7 +147,7 @@ impl<M: Placing> Corrector<'_, M> {
         }
         let name = self.name_to_learn(sighting);
         let Self { setup, maps, sensor_poses, log_likelihood, .. } = self;
-        let (model, poses) = (&setup.models.measurement, *sensor_poses);
+        let (model, poses) = (setup.models.measurement(), *sensor_poses);
         let correction = Correction { model, poses, measured: sighting.measured, mask };
         let repaired = AtomicU32::new(0);
         maps.landmarks.update(slot, mask, |mut rows| {
@@ -171,7 +171,7 @@ impl<M: Placing> Corrector<'_, M> {
         let (name, particles) = (self.name_to_learn(sighting), self.maps.particles.len());
         let Self { setup, maps, sensor_poses, rows, .. } = self;
         let columns = maps.landmarks.columns();
-        let (model, poses, measured) = (&setup.models.measurement, sensor_poses, sighting.measured);
+        let (model, poses, measured) = (setup.models.measurement(), sensor_poses, sighting.measured);
         first_rows(&Correction { model, poses, measured, mask }, columns, rows);
         if let (Some(name), Some(mask)) = (name, mask) {
             write_name(name, mask, &mut rows[column::IDENTITY * particles..]);
@@ -188,7 +188,7 @@ impl<M: Placing> Corrector<'_, M> {
         let Self { setup, maps, sensor_poses, rows, log_likelihood } = self;
         rows.resize(sensor_poses.x.len() * maps.landmarks.columns(), 0.0);
         maps.landmarks.copy_rows(slot, rows);
-        let (model, poses) = (&setup.models.measurement, *sensor_poses);
+        let (model, poses) = (setup.models.measurement(), *sensor_poses);
         let correction = Correction { model, poses, measured: sighting.measured, mask };
         // Only the likelihoods count; the corrected rows are dropped.
         correction.apply(0, RowsMut::new(rows, poses.x.len()).columns(), log_likelihood);

@@ -2,7 +2,7 @@
 
 use super::beliefs::Beliefs;
 use super::landmarks::Landmarks;
-use super::setup::{Settings, Setup};
+use super::setup::Setup;
 use super::state::State;
 use super::work::Associating;
 use crate::association::{Belief, CandidateTable, Decision, Rules, ScanSighting};
@@ -11,12 +11,13 @@ use crate::math;
 use crate::measurement::Placing;
 
 /// The rules of association, with the clutter that was learned where none is told.
-pub(super) fn rules(settings: &Settings, landmarks: &Landmarks) -> Rules {
-    let rules = settings.rules;
-    let told = settings.config.association.clutter_density.is_some();
+pub(super) fn rules<M: Placing>(setup: &Setup<M>, landmarks: &Landmarks) -> Rules {
+    let rules = setup.settings.rules;
+    let told = setup.settings.config.association.clutter_density.is_some();
     match &landmarks.fading {
         Some(fading) if !told && !fading.is_credulous() => {
-            let density = math::exp(rules.log_new_density) + fading.clutter_density();
+            let clutter = fading.clutter_density() * setup.models.measurement().unmeasured_extent();
+            let density = math::exp(rules.log_new_density) + clutter;
             Rules { log_unexplained_density: math::ln(density), ..rules }
         }
         _ => rules,
@@ -73,7 +74,7 @@ fn likeliest<M: Placing>(
     candidates: impl Iterator<Item = (u32, Gaussian)>,
 ) -> Option<u32> {
     let near = candidates.filter_map(|(candidate, landmark)| {
-        let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+        let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
         let fit = belief.fit(model, T_robot_sensor, &landmark, &sighting.measured);
         (fit.mahalanobis_squared <= setup.settings.rules.gate).then_some((fit.log_likelihood, candidate))
     });

@@ -161,7 +161,7 @@ impl<'a, M: Placing> Knowledge<'a, M> {
         }
         let at = Planar::mean_of(&row);
         let birth = landmarks.birth(founded);
-        let sensor = self.setup.models.measurement.noise_covariance().scaled(2.0);
+        let sensor = self.setup.models.measurement().noise_covariance().scaled(2.0);
         let max_range_m = self.setup.settings.config.sensor.common().max_range_m;
         let tolerance = sensor.xx.max(sensor.yy * max_range_m.powi(2));
         let farthest = need.drift.of_place(at, 0).largest_eigenvalue() + tolerance;
@@ -182,7 +182,13 @@ impl<'a, M: Placing> Knowledge<'a, M> {
 /// Area in which a particle looks for a landmark that it expects here, square metres.
 pub(super) fn gate_m2<M: Placing>(setup: &Setup<M>, at: [f64; 2], from: Pose) -> f64 {
     let range_m = (at[0] - from.x).hypot(at[1] - from.y);
-    let noise = setup.models.measurement.noise_covariance();
+    let noise = setup.models.measurement().noise_covariance();
     let exponent = setup.settings.config.filter.likelihood_exponent;
-    area_m2(noise.xx * noise.yy) * range_m / exponent
+    // What is not measured counts as measured as well as the other: a strip as long as the view would leave nothing in doubt.
+    let product = match setup.models.measurement().measures() {
+        [true, true] => noise.xx * noise.yy,
+        [true, false] => noise.xx * noise.xx / (range_m * range_m),
+        [false, _] => range_m * noise.yy * range_m * noise.yy,
+    };
+    area_m2(product) * range_m / exponent
 }

@@ -10,7 +10,6 @@ use crate::diagnosis::innovations::{PredictedScan, JOINT_MAX};
 use crate::diagnosis::looks::{InView, MapInView};
 use crate::diagnosis::Returns;
 use crate::gaussian::innovation_covariance;
-use crate::geometry::Symmetric2;
 use crate::landmark::{column, Gaussian, Planar};
 use crate::measurement::Placing;
 
@@ -38,6 +37,7 @@ fn examine_named<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Wor
     known.extend(associating.named.iter().enumerate().filter_map(|(j, slot)| Some((j, (*slot)?))));
     matches.clear();
     matches.extend(known.iter().map(|(j, slot)| (scan[*j].measured.value, state.landmarks.birth(*slot))));
+    complete(setup, state, matches, known.iter().map(|(_, slot)| *slot));
     state.diagnosis.watch.matched(matches.iter().copied(), scan.len());
     if !state.diagnosis.watch.examines() || known.is_empty() {
         return;
@@ -72,6 +72,7 @@ fn examine_decided<M: Placing>(
     matches.clear();
     let birth = |candidate: u32| state.landmarks.birth(claims.table.slots[candidate as usize]);
     matches.extend(known.iter().map(|(j, candidate)| (scan[*j].measured.value, birth(*candidate))));
+    complete(setup, state, matches, known.iter().map(|(_, candidate)| claims.table.slots[*candidate as usize]));
     state.diagnosis.watch.matched(matches.iter().copied(), scan.len());
     if !state.diagnosis.watch.examines() || scan.is_empty() {
         return;
@@ -89,6 +90,30 @@ fn examine_decided<M: Placing>(
     pairs.clear();
     pairs.extend(chosen().map(|(j, candidate)| (scan[j].measured, landmarks(candidate))));
     score(setup, state, examination, best);
+}
+
+/// Completes sightings of known landmarks, in these slots, by where the best particle has them.
+fn complete<M: Placing>(
+    setup: &Setup<M>,
+    state: &State,
+    matches: &mut [([f64; 2], u64)],
+    slots: impl Iterator<Item = u32>,
+) {
+    for ((value, _), slot) in matches.iter_mut().zip(slots) {
+        *value = completed(setup, state, slot, *value);
+    }
+}
+
+/// A sighting of the landmark in this slot, with what the sensor does not measure as the best particle has it.
+pub(super) fn completed<M: Placing>(setup: &Setup<M>, state: &State, slot: u32, value: [f64; 2]) -> [f64; 2] {
+    let model = setup.models.measurement();
+    if model.places() {
+        return value;
+    }
+    let best = state.particles.best();
+    let sensor = state.belief_of(setup.settings.config.algorithm, best).mean.compose(setup.models.T_robot_sensor);
+    let held = state.landmarks.held_by(best, slot);
+    held.map_or(value, |(held, _)| model.completed(value, model.expected(sensor, held.mean)))
 }
 
 /// Counts the landmarks of the best particle's map that the scan should have shown, and those that it did.
@@ -165,25 +190,18 @@ fn prediction<M: Placing>(
     (particle, row): (usize, usize),
     pairs: &[Pair],
 ) -> Option<Prediction> {
-    let (model, algorithm) = (&setup.models.measurement, setup.settings.config.algorithm);
+    let (model, algorithm) = (setup.models.measurement(), setup.settings.config.algorithm);
     let weight = state.weights.values[particle];
     let belief = state.belief_of(algorithm, particle);
     let sensor = belief.mean.compose(setup.models.T_robot_sensor);
-    let mut scan = PredictedScan { size: 2 * pairs.len(), ..PredictedScan::default() };
+    let mut scan = PredictedScan::of_sightings(pairs.len(), model.measures());
     for (j, (measured, landmarks)) in pairs.iter().enumerate() {
         let landmark = landmarks[row]?;
         let linear = model.linearize(sensor, landmark.mean);
         let rows = by_robot_pose(linear.by_pose, belief.mean, sensor);
         let innovation = model.innovation(measured.value, linear.expected);
         let q = innovation_covariance(linear.by_landmark, landmark.covariance, measured.noise);
-        let Symmetric2 { xx, xy, yy } = q;
-        let block = [[xx, xy], [xy, yy]];
-        for c in 0..2 {
-            scan.by_pose[2 * j + c] = rows[c];
-            scan.innovation[2 * j + c] = innovation[c];
-            scan.covariance[2 * j + c][2 * j..2 * j + 2].copy_from_slice(&block[c]);
-        }
-        (scan.noise[2 * j], scan.noise[2 * j + 1]) = (measured.noise.xx, measured.noise.yy);
+        scan.predict(j, (innovation, q), measured.noise, &rows);
     }
     // In FastSLAM 1.0 the spread of the particles holds what their motion added.
     if algorithm != Algorithm::Fastslam1 {
@@ -205,8 +223,8 @@ fn mixture(predictions: &[Prediction]) -> Option<PredictedScan> {
     let total: f64 = predictions.iter().map(|p| p.weight).sum();
     let first = predictions.first()?;
     let size = first.scan.size;
-    let PredictedScan { noise, by_pose, .. } = first.scan;
-    let mut mixed = PredictedScan { size, noise, by_pose, ..PredictedScan::default() };
+    let PredictedScan { noise, by_pose, component, .. } = first.scan;
+    let mut mixed = PredictedScan { size, component, noise, by_pose, ..PredictedScan::default() };
     let mut concentration = 0.0;
     for Prediction { weight, scan } in predictions {
         let share = weight / total;

@@ -282,7 +282,7 @@ impl Odds {
         let existence = &association.existence;
         Self {
             detection: association.detection_of_all_in_view(),
-            gain: Gain::of(association),
+            gain: Gain::of(association, settings.rules.clutter_density),
             highest_log_odds: existence.highest_log_odds,
             missed_log_odds: match (existence.form, association.detection_probability) {
                 (ExistenceForm::Bayes, Some(detection)) => -math::ln(1.0 - detection),
@@ -413,8 +413,8 @@ enum Gain {
 }
 
 impl Gain {
-    fn of(association: &AssociationConfig) -> Self {
-        match (association.existence.form, association.detection_probability, association.clutter_density) {
+    fn of(association: &AssociationConfig, clutter_density: Option<f64>) -> Self {
+        match (association.existence.form, association.detection_probability, clutter_density) {
             (ExistenceForm::Bayes, Some(detection), Some(clutter)) => Self::Bayes { detection, clutter },
             _ => Self::Counted(association.existence.sighted_log_odds),
         }

@@ -46,7 +46,7 @@ fn linear<M: Placing>(setup: &Setup<M>, state: &State, best: usize, (slot, measu
     let (landmark, _) = state.landmarks.held_by(best, *slot)?;
     let robot = state.particles.pose(best);
     let sensor = robot.compose(setup.models.T_robot_sensor);
-    let linear = setup.models.measurement.linearize(sensor, landmark.mean);
+    let linear = setup.models.measurement().linearize(sensor, landmark.mean);
     let birth = state.landmarks.birth(*slot);
     Some(Linear {
         slot: *slot,

@@ -8,7 +8,7 @@ use super::state::State;
 use super::work::{Claims, Judging};
 use crate::association::{Box2, Decision};
 use crate::gaussian::{ellipse_area, innovation_covariance};
-use crate::geometry::Pose;
+use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{column, Gaussian, Planar};
 use crate::math;
 use crate::measurement::Placing;
@@ -23,13 +23,16 @@ impl Claims<'_> {
         self.of(particle).iter().any(shown)
     }
 
-    /// Whether something nearer in the same direction was sighted.
-    fn hides(&self, [range_m, bearing_rad]: [f64; 2]) -> bool {
-        self.scan.iter().any(|sighting| {
-            let ([nearer_m, towards_rad], noise) = (sighting.measured.value, sighting.measured.noise);
-            let aside_rad = math::wrap_angle(towards_rad - bearing_rad).abs();
-            nearer_m + 3.0 * noise.xx.sqrt() < range_m && aside_rad < HIDES_RAD + 2.0 * noise.yy.sqrt()
-        })
+    /// Whether something nearer in the same direction was sighted, or something of which nobody knows how far it is.
+    fn hides<M: Placing>(&self, model: &M, [range_m, bearing_rad]: [f64; 2]) -> bool {
+        let [tells_range, tells_bearing] = model.measures();
+        tells_bearing
+            && self.scan.iter().any(|sighting| {
+                let ([nearer_m, towards_rad], noise) = (sighting.measured.value, sighting.measured.noise);
+                let aside_rad = math::wrap_angle(towards_rad - bearing_rad).abs();
+                (!tells_range || nearer_m + 3.0 * noise.xx.sqrt() < range_m)
+                    && aside_rad < HIDES_RAD + 2.0 * noise.yy.sqrt()
+            })
     }
 }
 
@@ -89,18 +92,29 @@ fn look_for<M: Placing>(
     let seen_at = [ahead.hypot(left), math::atan2(left, ahead)];
     let place = state.landmarks.fading.as_ref()?.place(seen_at)?;
     let sighted = claims.shows(holder, slot);
-    if !sighted && claims.hides(seen_at) {
+    let model = setup.models.measurement();
+    if !sighted && claims.hides(model, seen_at) {
         return None;
     }
     let Gaussian { covariance, .. } = Planar::gaussian_of(row);
-    let model = &setup.models.measurement;
     let by_landmark = model.linearize(sensor, mean).by_landmark;
     let innovation = innovation_covariance(by_landmark, covariance, model.noise_covariance());
-    let gate_area = ellipse_area(setup.settings.rules.gate, innovation.determinant());
+    let gate_area = gate_area(setup, innovation);
     let association = &setup.settings.config.association;
     let is_often_sighted = row[column::SIGHTINGS] >= f64::from(association.existence.confirmed_sightings);
     let told_detection = association.detection_probability;
     Some(Look { slot, place, sighted, gate_area, is_often_sighted, told_detection })
+}
+
+/// Area in which a sighting is taken for a landmark, m·rad: of what is not measured all counts.
+fn gate_area<M: Placing>(setup: &Setup<M>, innovation: Symmetric2) -> f64 {
+    let (model, gate) = (setup.models.measurement(), setup.settings.rules.gate);
+    let strip = |variance: f64| 2.0 * (gate * variance).sqrt() * model.unmeasured_extent();
+    match model.measures() {
+        [true, true] => ellipse_area(gate, innovation.determinant()),
+        [true, false] => strip(innovation.xx),
+        [false, _] => strip(innovation.yy),
+    }
 }
 
 /// Where the sensor is in one particle.

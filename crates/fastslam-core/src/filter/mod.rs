@@ -56,6 +56,7 @@ pub use crate::step_info::{LeftOut, MapChanges, NoiseInWindow, Sampling, StepInf
 pub use estimate::{MapEstimate, MapLandmark};
 pub use given::GivenUse;
 pub use particles::{mixture, Particles, PoseEstimate};
+pub(crate) use returns::shown;
 pub(crate) use usable::usable;
 
 use crate::config::Config;
@@ -63,7 +64,7 @@ use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::Result;
 use crate::geometry::{Pose, Symmetric2};
 use crate::given::{Beginning, GivenLandmark};
-use crate::measurement::{Placing, RangeBearing, Sensor};
+use crate::measurement::{Placing, RangeBearing, RangeOrBearing, Sensor};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::path::PathForest;
 use crate::store::StoreUsage;
@@ -104,6 +105,17 @@ impl FastSlam {
     }
 }
 
+impl FastSlam<RangeOrBearing> {
+    /// A filter for several sensors (`Config::sensors`), some of which measure ranges or bearings alone.
+    ///
+    /// Only a sensor of both founds landmarks; what the others sight is one of these, or left out and counted
+    /// ([`LeftOut::ignored`]). What a sighting says of a number that its sensor does not measure counts for nothing.
+    pub fn mixed(config: Config, identities: Identities) -> Result<Self> {
+        let models = config.each_sensor().into_iter().map(RangeOrBearing::of).collect::<Result<_>>()?;
+        Self::with_models(config, identities, models)
+    }
+}
+
 impl<M: Placing> Clone for FastSlam<M> {
     /// An independent filter in the same state, which goes on to the same bits. Waits for a draw under way.
     fn clone(&self) -> Self {
@@ -120,7 +132,7 @@ impl<M: Placing> FastSlam<M> {
         Self::with_models(config, identities, vec![model])
     }
 
-    /// The same with a model for each sensor; they differ in nothing but their noise.
+    /// The same with a model for each sensor.
     fn with_models(config: Config, identities: Identities, models: Vec<M>) -> Result<Self> {
         let setups = Setups::new(config, identities, models)?;
         let Setup { settings: Settings { config, identities, .. }, workers, .. } = setups.first();

@@ -24,6 +24,7 @@ pub(super) fn doubt_names<M: Placing>(
     let excess = state.diagnosis.watch.noise.usual_excess();
     let (best, mut known) = (state.particles.best(), 0);
     let mut misfits: Vec<(usize, Misplaced)> = Vec::new();
+    leave_out_unplaced(setup, state, seen, scan, info);
     for (j, sighting) in scan.iter().enumerate() {
         let Some(slot) = state.landmarks.named(sighting) else { continue };
         known += 1;
@@ -45,6 +46,27 @@ pub(super) fn doubt_names<M: Placing>(
     }
 }
 
+/// Leaves out the sightings that name landmarks which are not in the map, of a sensor that does not say where they are.
+fn leave_out_unplaced<M: Placing>(
+    setup: &Setup<M>,
+    state: &State,
+    seen: &mut Vec<Seen>,
+    scan: &mut Vec<ScanSighting>,
+    info: &mut StepInfo,
+) {
+    if setup.models.measurement().places() {
+        return;
+    }
+    scan.retain(|sighting| {
+        let is_known = state.landmarks.named(sighting).is_some();
+        if !is_known {
+            seen.push(Seen { value: sighting.measured.value, taken: Taken::Nothing });
+            info.left_out.ignored += 1;
+        }
+        is_known
+    });
+}
+
 /// Whether no particle can have seen its landmark there; nearly always `first`, who is asked first, can.
 fn is_implausible<M: Placing>(
     setup: &Setup<M>,
@@ -54,7 +76,7 @@ fn is_implausible<M: Placing>(
     first: usize,
 ) -> bool {
     let gate = IMPLAUSIBLE * state.diagnosis.watch.noise.usual_excess();
-    let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
     let others = (0..state.particles.len()).filter(|i| *i != first);
     std::iter::once(first).chain(others).all(|particle| {
         state.landmarks.held_by(particle, slot).is_none_or(|(landmark, _)| {
@@ -70,7 +92,11 @@ fn doubt_name<M: Placing>(setup: &Setup<M>, state: &mut State, sighting: &ScanSi
         return Doubt::LeaveOut;
     };
     let belief = state.belief_of(setup.settings.config.algorithm, best);
-    let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
+    // What does not say where a landmark is has none to move.
+    if !model.places() {
+        return Doubt::LeaveOut;
+    }
     let held = state
         .landmarks
         .held_by(best, slot)

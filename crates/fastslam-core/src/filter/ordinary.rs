@@ -56,7 +56,7 @@ fn sizes_with<M: Placing>(setup: &Setup<M>, state: &State, rounds: &[Vec<ScanSig
     let mut finest_m2 = f64::INFINITY;
     let mut is_ordinary = !was_exceeded && are_near(state) && motion.mean.x.hypot(motion.mean.y) <= FARTHEST_M;
     for sighting in rounds.iter().flatten() {
-        let range_m = setup.models.measurement.range(sighting.measured.value);
+        let range_m = setup.models.measurement().range(sighting.measured.value);
         let Some([fine, coarse]) = variances(&sighting.measured, range_m) else {
             is_ordinary = false;
             continue;

@@ -219,7 +219,7 @@ fn graph_of<'a, M: Placing>(
 ) -> Option<Graph<'a, M>> {
     Some(Graph {
         history: &state.rejuvenation.as_ref()?.history,
-        model: &setup.models.measurement,
+        models: &setup.models.all,
         mountings: &setup.models.mountings,
         likelihood_exponent: setup.settings.config.filter.likelihood_exponent,
         first_free,

@@ -3,6 +3,7 @@
 use super::beginning::{count_given_decided, count_given_named};
 use super::doubts::note_need;
 use super::errors::Shown;
+use super::examine::completed;
 use super::setup::Setup;
 use super::state::State;
 use super::work::{Claims, Work};
@@ -22,7 +23,7 @@ pub(super) fn remember<M: Placing>(setup: &Setup<M>, state: &mut State, work: &m
     }
     let (claims, births) = (work.associating.claims(scan), &work.correcting.births);
     remember_decided(state, claims, births);
-    see_decided(state, claims, births, &mut work.seen);
+    see_decided(setup, state, (claims, births), &mut work.seen);
     show_decided(state, claims, &work.correcting.founded, &mut work.imagining.shown);
     remember_need(setup, state, claims, &work.correcting.founded);
     count_given_decided(setup, state, claims);
@@ -82,29 +83,44 @@ fn show_decided(state: &State, claims: Claims<'_>, founded: &[(usize, u32)], sho
 }
 
 /// Takes note, for whoever watches, of what the best particle decided.
-fn see_decided(state: &State, claims: Claims<'_>, births: &[u64], seen: &mut Vec<Seen>) {
+fn see_decided<M: Placing>(
+    setup: &Setup<M>,
+    state: &State,
+    (claims, births): (Claims<'_>, &[u64]),
+    seen: &mut Vec<Seen>,
+) {
     let made = claims.of(state.particles.best()).iter().zip(births);
     seen.extend(claims.scan.iter().zip(made).map(|(sighting, (decision, born))| {
-        let taken = match decision {
+        let value = sighting.measured.value;
+        match decision {
             Decision::Landmark(candidate) => {
-                Taken::Landmark(state.landmarks.birth(claims.table.slots[*candidate as usize]))
+                let slot = claims.table.slots[*candidate as usize];
+                let taken = Taken::Landmark(state.landmarks.birth(slot));
+                Seen { value: completed(setup, state, slot, value), taken }
             }
-            Decision::New => Taken::New(*born),
-            Decision::Ignored => Taken::Nothing,
-        };
-        Seen { value: sighting.measured.value, taken }
+            Decision::New => Seen { value, taken: Taken::New(*born) },
+            Decision::Ignored => Seen { value, taken: Taken::Nothing },
+        }
     }));
 }
 
 /// Takes note, for whoever watches, of scans whose sightings all name their landmark; those born since then are new.
-pub(super) fn see_named(state: &State, rounds: &[Vec<ScanSighting>], births_before: u64, seen: &mut Vec<Seen>) {
+pub(super) fn see_named<M: Placing>(
+    setup: &Setup<M>,
+    state: &State,
+    (rounds, births_before): (&[Vec<ScanSighting>], u64),
+    seen: &mut Vec<Seen>,
+) {
     seen.extend(rounds.iter().flatten().map(|sighting| {
-        let birth = state.landmarks.named(sighting).map(|slot| state.landmarks.birth(slot));
+        let slot = state.landmarks.named(sighting);
+        let value = sighting.measured.value;
+        let value = slot.map_or(value, |slot| completed(setup, state, slot, value));
+        let birth = slot.map(|slot| state.landmarks.birth(slot));
         let taken = match birth {
             Some(birth) if birth < births_before => Taken::Landmark(birth),
             Some(birth) => Taken::New(birth),
             None => Taken::Nothing,
         };
-        Seen { value: sighting.measured.value, taken }
+        Seen { value, taken }
     }));
 }

@@ -11,8 +11,8 @@ use super::state::State;
 use crate::association::{area_m2, ScanSighting, GATE};
 use crate::diagnosis::misfits::Misplaced;
 use crate::diagnosis::names::IMPLAUSIBLE;
-use crate::geometry::Symmetric2;
-use crate::landmark::{first_sighting, Gaussian};
+use crate::geometry::{Pose, Symmetric2};
+use crate::landmark::{first_sighting, Gaussian, Measured};
 use crate::measurement::Placing;
 
 /// Notes whether the rounds of a scan show landmarks since whose last sighting the particles have forgotten the way, where
@@ -21,7 +21,7 @@ pub(super) fn note_returns<M: Placing>(setup: &Setup<M>, state: &mut State, roun
     let Some(need) = need_of(state) else { return };
     let best = state.particles.best();
     let belief = state.belief_of(setup.settings.config.algorithm, best);
-    let (model, T_robot_sensor) = (&setup.models.measurement, setup.models.T_robot_sensor);
+    let (model, T_robot_sensor) = (setup.models.measurement(), setup.models.T_robot_sensor);
     let gate = GATE * state.diagnosis.watch.noise.usual_excess();
     let ago = |sighting: &ScanSighting| {
         let slot = state.landmarks.named(sighting)?;
@@ -57,8 +57,8 @@ pub(super) fn misplaced<M: Placing>(setup: &Setup<M>, state: &State, sighting: &
     let (held, _) = state.landmarks.held_by(best, slot)?;
     let belief = state.belief_of(setup.settings.config.algorithm, best);
     let (model, T_robot_sensor, measured) =
-        (&setup.models.measurement, setup.models.T_robot_sensor, &sighting.measured);
-    let shown = first_sighting(model, belief.mean.compose(T_robot_sensor), measured.value, measured.noise);
+        (setup.models.measurement(), setup.models.T_robot_sensor, &sighting.measured);
+    let shown = shown(model, belief.mean.compose(T_robot_sensor), measured, held.mean);
     let misfit = Misplaced::new(identity, (held.mean, held.covariance), (shown.mean, shown.covariance));
     let drift = need_of(state).and_then(|need| Some((need, relation(state, need, slot, held.mean)?)));
     let turn = drift.and_then(|(need, (drift, ago))| {
@@ -69,4 +69,14 @@ pub(super) fn misplaced<M: Placing>(setup: &Setup<M>, state: &State, sighting: &
         explains.then(|| need.drift.of_heading(need.drift.steps().saturating_sub(ago + 1)))
     });
     Some(Misplaced { turn, ..misfit })
+}
+
+/// Where a sighting shows a landmark that the map has here: what is not measured is as that has it.
+pub(crate) fn shown<M: Placing>(model: &M, sensor: Pose, measured: &Measured, held_m: [f64; 2]) -> Gaussian {
+    let value = model.completed(measured.value, model.expected(sensor, held_m));
+    if model.places() {
+        return first_sighting(model, sensor, value, measured.noise);
+    }
+    let variance = model.position_variance(value, measured.noise);
+    Gaussian { mean: model.inverse(sensor, value), covariance: Symmetric2::new(variance, 0.0, variance) }
 }

@@ -49,7 +49,7 @@ pub(super) fn fill_rounds<M: Placing>(
     skipped: &mut Skipped,
 ) -> usize {
     let (sensor, identities) = (&setup.settings.config.sensor, setup.settings.identities);
-    let usable = usable(sensor, identities, &setup.models.measurement, sightings, skipped);
+    let usable = usable(sensor, identities, setup.models.measurement(), sightings, skipped);
     deal(rounds, usable, |sighting| sighting.identity)
 }
 
@@ -77,7 +77,7 @@ pub(super) fn process_rounds<M: Placing>(
     info.sampling.sampled = !rounds.iter().all(|round| keeps_motion_pending(setup, state, round));
     rounds.iter().try_for_each(|round| process(setup, state, work, round, info))?;
     if names_known {
-        see_named(state, rounds, births_before, &mut work.seen);
+        see_named(setup, state, (rounds, births_before), &mut work.seen);
     }
     if info.sampling.sampled {
         let particles = &state.particles;
@@ -146,9 +146,10 @@ fn judge_health<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work
         pose_covariance: state.estimate.covariance,
         births_before: before.births,
         names_known: setup.settings.identities == Identities::All,
+        places: setup.models.measurement().places(),
         map_in_view: work.map_in_view.take(),
     };
-    let model = &setup.models.measurement;
+    let model = setup.models.measurement();
     info.health = watch.judge(&vitals, |sensor, value| model.inverse(sensor, value));
 }
 

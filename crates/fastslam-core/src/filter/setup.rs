@@ -31,12 +31,13 @@ impl<M: Placing> Setups<M> {
         }
         let workers = Workers::new(config.filter.threads)?;
         let mountings: Arc<[Pose]> = sensors.iter().map(|sensor| sensor.T_robot_sensor()).collect();
-        let models = models.into_iter().enumerate().map(|(sensor, model)| Models::new(sensor, model, &mountings));
-        let setup = |(models, sensor): (Models<M>, &&Sensor)| {
-            let settings = Settings::new(config.seeing_with(sensor), identities, &models.measurement);
+        let all: Arc<[M]> = models.into();
+        let setup = |(number, sensor): (usize, &&Sensor)| {
+            let models = Models::new(number, &all, &mountings);
+            let settings = Settings::new(config.seeing_with(sensor), identities, models.measurement());
             Setup { models, settings, workers: workers.clone() }
         };
-        let each = models.zip(&sensors).map(setup).collect();
+        let each = sensors.iter().enumerate().map(setup).collect();
         Ok(Self { config, each })
     }
 
@@ -47,7 +48,7 @@ impl<M: Placing> Setups<M> {
 
     /// Size of a cell of the index of landmarks: about as far as one of them is looked for.
     pub fn cell_m(&self) -> f64 {
-        self.each.iter().map(Setup::cell_m).fold(0.0, f64::max)
+        self.each.iter().filter(|setup| setup.models.measurement().places()).map(Setup::cell_m).fold(0.5, f64::max)
     }
 }
 
@@ -77,16 +78,22 @@ pub(super) struct Setup<M> {
 }
 
 /// How one sensor of the robot sees.
-#[derive(Clone, Debug)]
 pub(super) struct Models<M> {
     /// Its number.
     pub sensor: usize,
-    pub measurement: M,
     pub T_robot_sensor: Pose,
     /// How far the sensor stands from the robot's origin.
     pub lever_arm_m: f64,
-    /// Where all sensors sit.
+    /// How all sensors measure, and where they sit.
+    pub all: Arc<[M]>,
     pub mountings: Arc<[Pose]>,
+}
+
+// Derived, it would ask the measurement model for the same.
+impl<M> Clone for Models<M> {
+    fn clone(&self) -> Self {
+        Self { all: Arc::clone(&self.all), mountings: Arc::clone(&self.mountings), ..*self }
+    }
 }
 
 /// What was configured, with what follows from it; of several sensors, as if it were for this one alone.
@@ -101,10 +108,16 @@ pub(super) struct Settings {
 }
 
 impl<M> Models<M> {
-    fn new(sensor: usize, measurement: M, mountings: &Arc<[Pose]>) -> Self {
+    fn new(sensor: usize, all: &Arc<[M]>, mountings: &Arc<[Pose]>) -> Self {
         let T_robot_sensor = mountings[sensor];
         let lever_arm_m = T_robot_sensor.x.hypot(T_robot_sensor.y);
-        Self { sensor, measurement, T_robot_sensor, lever_arm_m, mountings: Arc::clone(mountings) }
+        Self { sensor, T_robot_sensor, lever_arm_m, all: Arc::clone(all), mountings: Arc::clone(mountings) }
+    }
+
+    /// How this sensor measures.
+    #[inline(always)]
+    pub fn measurement(&self) -> &M {
+        &self.all[self.sensor]
     }
 }
 
@@ -112,7 +125,7 @@ impl Settings {
     fn new<M: Placing>(config: Config, identities: Identities, measurement: &M) -> Self {
         let identities = identities.heeding(config.association.mode);
         let rules = Rules::new(&config, measurement);
-        let gate_radius = rules.gate_radius(measurement, config.sensor.tail());
+        let gate_radius = rules.gate_radius(measurement, measurement.tail(config.sensor.tail()));
         let random = RandomSource::new(config.seed);
         Self { config, identities, rules, gate_radius, random }
     }
@@ -120,6 +133,6 @@ impl Settings {
 
 impl<M: Placing> Setup<M> {
     fn cell_m(&self) -> f64 {
-        (4.0 * self.settings.gate_radius * self.models.measurement.noise_covariance().xx.sqrt()).clamp(0.5, 20.0)
+        (4.0 * self.settings.gate_radius * self.models.measurement().noise_covariance().xx.sqrt()).clamp(0.5, 20.0)
     }
 }

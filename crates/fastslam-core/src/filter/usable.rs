@@ -21,11 +21,11 @@ pub(crate) fn usable<'a, M: Placing>(
     sightings: &'a [Sighting],
     skipped: &'a mut Skipped,
 ) -> impl Iterator<Item = ScanSighting> + 'a {
-    let (tail, error, limits) = (sensor.tail(), sensor.systematic_error(), sensor.common());
+    let (tail, error, limits) = (model.tail(sensor.tail()), sensor.systematic_error(), sensor.common());
     sightings.iter().filter_map(move |s| {
         let identity = if identities == Identities::None { None } else { s.identity };
         let value = model.corrected(s.value, &error);
-        let range = model.range(value);
+        let (range, noise) = (model.range(value), s.noise.map(|noise| model.given_noise(noise)));
         if !model.is_usable(value) {
             skipped.not_finite += 1;
         } else if range < limits.min_range_m {
@@ -34,10 +34,10 @@ pub(crate) fn usable<'a, M: Placing>(
             skipped.too_far += 1;
         } else if identity.is_none() && identities == Identities::All {
             skipped.without_identity += 1;
-        } else if s.noise.is_some_and(|noise| !can_be_computed_with(noise)) {
+        } else if noise.is_some_and(|noise| !can_be_computed_with(noise)) {
             skipped.bad_covariance += 1;
         } else {
-            let noise = s.noise.unwrap_or(model.noise_covariance());
+            let noise = noise.unwrap_or(model.noise_covariance());
             return Some(ScanSighting {
                 measured: Measured { value, noise, tail },
                 identity,

@@ -1,6 +1,7 @@
 //! Measurement models of any size: how many numbers a sighting has, and how many coordinates a landmark.
 
 use super::SystematicError;
+use crate::density::Tail;
 use crate::geometry::{Pose, Symmetric2};
 use crate::normal::{Cholesky, Matrix, Normal};
 use crate::real::{Dual, Real};
@@ -99,6 +100,50 @@ pub trait Placing: MeasurementModel<2, 2> + 'static {
     /// Variance of the landmark's position that the noise of one measurement makes, in the worst direction: an upper
     /// bound, square metres.
     fn position_variance(&self, measured: [f64; 2], noise: Symmetric2) -> f64;
+
+    /// Which of the two numbers the sensor measures. Among sensors that do place their landmarks one may not: see
+    /// [`super::RangeOrBearing`].
+    #[inline(always)]
+    fn measures(&self) -> [bool; 2] {
+        [true; 2]
+    }
+
+    /// Whether one sighting says where its landmark is. A sensor of which it does not founds none.
+    #[inline(always)]
+    fn places(&self) -> bool {
+        self.measures() == [true; 2]
+    }
+
+    /// The tail of its sightings, given that of the noise.
+    fn tail(&self, of_noise: Tail) -> Tail {
+        if self.places() {
+            of_noise
+        } else {
+            of_noise.of_one()
+        }
+    }
+
+    /// A covariance that a detector gives, as the filter uses it.
+    #[inline(always)]
+    fn given_noise(&self, noise: Symmetric2) -> Symmetric2 {
+        noise
+    }
+
+    /// A measurement with what is expected in place of what is not measured.
+    fn completed(&self, measured: [f64; 2], _expected: [f64; 2]) -> [f64; 2] {
+        measured
+    }
+
+    /// Measurements between which those lie that place a landmark wherever it may be.
+    fn extremes(&self, measured: [f64; 2]) -> [[f64; 2]; 4] {
+        [measured; 4]
+    }
+
+    /// How many units there are of what is not measured: a density of sightings by both numbers, times this, is one by
+    /// that which is.
+    fn unmeasured_extent(&self) -> f64 {
+        1.0
+    }
 }
 
 impl<M: Placing> Births<2, 2> for M {

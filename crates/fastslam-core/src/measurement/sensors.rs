@@ -32,13 +32,30 @@ impl Sensors {
                 return Err(Error::parameter("sensors", format!("the name {name:?}"), "one without blanks around it"));
             }
             let key = format!("sensors.{name}");
-            if sensor.model() != SensorModel::RangeBearing {
-                let expected = "range_bearing: sensors of another kind are used alone (`sensor`)";
+            if sensor.model() == SensorModel::Own {
+                let expected = "range_bearing, range or bearing: a sensor of one's own is used alone";
                 return Err(Error::parameter(format!("{key}.model"), sensor.model().name(), expected));
             }
             sensor.validate_as(&key)?;
         }
-        Ok(())
+        self.validate_together()
+    }
+
+    /// An error where no sensor says where a landmark is.
+    fn validate_together(&self) -> Result<()> {
+        if self.is_empty() || self.0.values().any(|sensor| sensor.model() == SensorModel::RangeBearing) {
+            return Ok(());
+        }
+        let kinds: Vec<&str> = self.0.values().map(|sensor| sensor.model().name()).collect();
+        let expected =
+            "one of range_bearing among them, which finds the landmarks that the others sight; one sensor of \
+                        ranges or bearings alone stands in `sensor`";
+        Err(Error::parameter("sensors", kinds.join(", "), expected))
+    }
+
+    /// Whether some of them measure ranges or bearings alone.
+    pub fn are_mixed(&self) -> bool {
+        self.0.values().any(|sensor| sensor.model() != SensorModel::RangeBearing)
     }
 }
 
@@ -56,9 +73,17 @@ mod tests {
         assert!(message.starts_with("sensors.rear.range_std_m: got 0"), "{message}");
         let message = refused(r#"{"front": {}, "rear": {"mounting": {"x_m": 1e9}}}"#);
         assert!(message.starts_with("sensors.rear.mounting.x_m: got"), "{message}");
-        for model in ["range", "bearing", "own"] {
-            let message = refused(&format!(r#"{{"front": {{}}, "radio": {{"model": "{model}"}}}}"#));
-            assert!(message.starts_with(&format!("sensors.radio.model: got {model}, expected range_bearing")));
+        let message = refused(r#"{"front": {}, "radio": {"model": "own"}}"#);
+        assert!(message.starts_with("sensors.radio.model: got own, expected range_bearing, range or bearing"));
+        let message = refused(r#"{"eye": {"model": "bearing"}, "radio": {"model": "range"}}"#);
+        assert!(
+            message.starts_with("sensors: got bearing, range, expected one of range_bearing among them"),
+            "{message}"
+        );
+        for model in ["range", "bearing", "range_bearing"] {
+            let text = format!(r#"{{"front": {{}}, "other": {{"model": "{model}"}}}}"#);
+            let sensors: Sensors = serde_json::from_str(&text).unwrap();
+            assert_eq!((sensors.validate(), sensors.are_mixed()), (Ok(()), model != "range_bearing"));
         }
         assert!(refused(r#"{" front": {}}"#).contains("blanks"));
         let many: Vec<String> = (0..65).map(|i| format!(r#""{i}": {{}}"#)).collect();

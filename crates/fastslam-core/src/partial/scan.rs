@@ -354,6 +354,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             pose_covariance: cloud.estimate.covariance,
             births_before,
             names_known: self.state.unnamed.is_none(),
+            places: true,
             map_in_view,
         };
         let watch = &mut self.state.watch;

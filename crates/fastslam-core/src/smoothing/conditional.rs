@@ -1,8 +1,7 @@
 //! Landmarks given paths: the exact factorisation, for many sampled paths side by side.
 
 use super::factor::{Lanes, LANES};
-use super::graph::Sights;
-use super::history::History;
+use super::graph::Graph;
 use crate::gaussian::Inverse;
 use crate::geometry::{Pose, Symmetric2};
 use crate::landmark::{Gaussian, Measured};
@@ -53,13 +52,8 @@ impl Draws {
     ///
     /// **Source:** Σ⁻¹ = Σ_t G_θᵀ R⁻¹ G_θ, which the sequential updates of `montemerlo2002fastslam` compute too, but
     /// each of those linearises where the landmark was thought to be at its time.
-    pub fn landmark_given_paths<M: Placing>(
-        &self,
-        model: &M,
-        history: &History,
-        sights: &Sights,
-        landmark: usize,
-    ) -> [Gaussian; LANES] {
+    pub fn landmark_given_paths<M: Placing>(&self, graph: &Graph<'_, M>, landmark: usize) -> [Gaussian; LANES] {
+        let sights = &graph.landmarks[landmark];
         let [x, y] = self.landmarks[landmark];
         let mut sums = [[0.0; LANES]; 5];
         for i in 0..LANES {
@@ -70,7 +64,8 @@ impl Draws {
             #[inline(always)]
             || {
                 for seen in &sights.seen {
-                    let measured = *history.sighting(seen.sighting);
+                    let measured = *graph.history.sighting(seen.sighting);
+                    let model = graph.model(seen.step as usize);
                     self.with_sensor(
                         seen.step as usize,
                         #[inline(always)]

@@ -55,8 +55,8 @@ pub fn draw<M: Placing>(graph: &Graph<'_, M>, mode: &Mode, sampling: &Sampling) 
             drawn.last_poses.extend((0..lanes).map(|i| Pose::new(x[i], y[i], math::wrap_angle(heading[i]))));
         }
         draws.move_to_sensor(|step| graph.T_robot_sensor(step));
-        for (k, sights) in graph.landmarks.iter().enumerate() {
-            let gaussians = draws.landmark_given_paths(graph.model, graph.history, sights, k);
+        for k in 0..graph.landmarks.len() {
+            let gaussians = draws.landmark_given_paths(graph, k);
             drawn.landmarks[k * count + first..][..lanes].copy_from_slice(&gaussians[..lanes]);
         }
     }

@@ -79,9 +79,9 @@ pub fn by_landmark(seen: &[Seen], known: impl Fn(u32) -> bool) -> Vec<Sights> {
 pub struct Graph<'a, M> {
     /// Motions and sightings.
     pub history: &'a History,
-    /// How the sensor sees.
-    pub model: &'a M,
-    /// Where it sits, or each of several.
+    /// How each sensor sees.
+    pub models: &'a [M],
+    /// Where each sits.
     pub mountings: &'a [Pose],
     /// Power of each sighting's likelihood.
     pub likelihood_exponent: f64,
@@ -247,6 +247,11 @@ impl<M: Placing> Graph<'_, M> {
         }
     }
 
+    /// How the sensor sees that made a step.
+    pub(super) fn model(&self, step: usize) -> &M {
+        &self.models[self.history.sensor(step)]
+    }
+
     /// Where the sensor that made a step sits on the robot.
     pub(super) fn T_robot_sensor(&self, step: usize) -> Pose {
         self.mountings[self.history.sensor(step)]
@@ -256,8 +261,9 @@ impl<M: Placing> Graph<'_, M> {
     pub(super) fn view(&self, path: &Trajectory, (landmark, known): ([f64; 2], &Known), seen: &Seen) -> View {
         let (T_world_robot, measured) = (path.poses[seen.step as usize], self.history.sighting(seen.sighting));
         let sensor = T_world_robot.compose(self.T_robot_sensor(seen.step as usize));
-        let linear = self.model.linearize(sensor, landmark);
-        let innovation = self.model.innovation(measured.value, linear.expected);
+        let model = self.model(seen.step as usize);
+        let linear = model.linearize(sensor, landmark);
+        let innovation = model.innovation(measured.value, linear.expected);
         let r = known.widened(measured.noise, linear.by_landmark);
         let inverse = Inverse::of(r);
         let distance = inverse.form(innovation);
@@ -347,7 +353,15 @@ impl<'a, M> Graph<'a, M> {
     /// Over these landmarks and all of a past, for a sensor at the robot's origin.
     pub fn over(history: &'a History, model: &'a M, landmarks: Vec<Sights>, effort: &'a Effort) -> Self {
         let mountings = &[Pose { x: 0.0, y: 0.0, heading: 0.0 }];
-        Self { history, model, mountings, likelihood_exponent: 1.0, first_free: 0, landmarks, effort }
+        Self {
+            history,
+            models: std::slice::from_ref(model),
+            mountings,
+            likelihood_exponent: 1.0,
+            first_free: 0,
+            landmarks,
+            effort,
+        }
     }
 }
 
@@ -398,7 +412,7 @@ mod tests {
         first_free: usize,
     ) -> Graph<'a, RangeBearing> {
         let mountings = &[T_ROBOT_SENSOR];
-        Graph { history, model: &MODEL, mountings, likelihood_exponent: 0.7, first_free, landmarks, effort }
+        Graph { history, models: &[MODEL], mountings, likelihood_exponent: 0.7, first_free, landmarks, effort }
     }
 
     #[test]

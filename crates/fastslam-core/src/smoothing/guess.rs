@@ -36,9 +36,10 @@ impl<M: Placing> Graph<'_, M> {
 
     /// Where a landmark lies by its sightings from a path; `None` where they do not say it, or where it is known for good.
     fn seen_at(&self, sights: &Sights, trajectory: &Trajectory) -> Option<[f64; 2]> {
-        let first = sights.seen.first().filter(|_| !matches!(sights.known, Known::Place(_)))?;
+        let first = sights.seen.iter().find(|seen| self.model(seen.step as usize).places());
+        let first = first.filter(|_| !matches!(sights.known, Known::Place(_)))?;
         let sensor = trajectory.poses[first.step as usize].compose(self.T_robot_sensor(first.step as usize));
-        let mut at = self.model.inverse(sensor, self.history.sighting(first.sighting).value);
+        let mut at = self.model(first.step as usize).inverse(sensor, self.history.sighting(first.sighting).value);
         for _ in 0..STEPS {
             let [mut xx, mut xy, mut yy, mut x, mut y] = sights.known.information(at);
             for seen in &sights.seen {

@@ -183,9 +183,10 @@ impl<M: Placing> Graph<'_, M> {
     fn reach(&self) -> Vec<f64> {
         let variance = |seen: &Seen| {
             let measured = self.history.sighting(seen.sighting);
-            self.model.position_variance(measured.value, measured.noise)
+            self.model(seen.step as usize).position_variance(measured.value, measured.noise)
         };
-        let most = |sights: &Sights| sights.seen.iter().map(variance).fold(0.0, f64::max);
+        let places = |seen: &&Seen| self.model(seen.step as usize).places();
+        let most = |sights: &Sights| sights.seen.iter().filter(places).map(variance).fold(0.0, f64::max);
         let known = |sights: &Sights| !matches!(sights.known, Known::Nothing);
         self.landmarks.iter().map(|sights| if known(sights) { 0.0 } else { (GATE * most(sights)).sqrt() }).collect()
     }

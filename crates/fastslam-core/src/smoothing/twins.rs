@@ -7,6 +7,7 @@
 use super::closing::{seen_together, Closing, RARE};
 use super::differences::GATE;
 use super::graph::{Graph, Mode};
+use super::history::Seen;
 use super::second_thoughts::Related;
 use crate::diagnosis::looks::is_another_look;
 use crate::math;
@@ -89,8 +90,8 @@ impl<M: Placing> Graph<'_, M> {
         let seen = pair.map(|k| &self.landmarks[k].seen);
         let mut steps: Vec<u32> = seen.iter().flat_map(|seen| seen.iter().map(|one| one.step)).collect();
         steps.sort_unstable();
-        let ranges = seen.iter().flat_map(|seen| seen.iter()).map(|one| self.history.sighting(one.sighting).value);
-        let far_m = ranges.map(|value| self.model.range(value)).fold(0.0, f64::max);
+        let range_m = |one: &Seen| self.model(one.step as usize).range(self.history.sighting(one.sighting).value);
+        let far_m = seen.iter().flat_map(|seen| seen.iter()).map(range_m).fold(0.0, f64::max);
         let (mut last, mut looks) = (None, 0.0);
         for step in steps {
             let pose = mode.solution.trajectory.poses[step as usize];

@@ -297,12 +297,14 @@ impl Best {
     pub(super) fn settle(
         &mut self,
         width: usize,
-        [gate, new, unexplained, exponent]: [f64; 4],
-        log_likelihood: &mut Column,
+        [gate, least_lead]: [f64; 2],
+        [new, unexplained]: [f64; 2],
+        (exponent, log_likelihood): (f64, &mut Column),
     ) {
         for i in 0..width.min(BLOCK) {
             let known = self.log_likelihood[i] >= new;
-            let explained = (self.log_likelihood[i] >= unexplained) & (self.mahalanobis_squared[i] <= gate);
+            let leads = self.log_likelihood[i] - self.second[i] >= least_lead;
+            let explained = (self.log_likelihood[i] >= unexplained) & (self.mahalanobis_squared[i] <= gate) & leads;
             self.accepted[i] = if explained { 1.0 } else { 0.0 };
             self.ignored[i] = if known & !explained { 1.0 } else { 0.0 };
             log_likelihood[i] += exponent * if explained { self.log_likelihood[i] } else { unexplained };

@@ -371,8 +371,13 @@ impl<'b, M: Placing> Block<'_, 'b, M> {
     fn settle(&mut self, rank: usize, order: Order, decisions: &mut [Decision]) {
         let (width, rules) = (self.width(), self.question.rules);
         let Workspace { lanes, best, .. } = &mut *self.workspace;
-        let limits = [rules.gate, rules.log_new_density, rules.log_unexplained_density, rules.likelihood_exponent];
-        best.settle(width, limits, &mut lanes.log_likelihood);
+        let densities = [rules.log_new_density, rules.log_unexplained_density];
+        best.settle(
+            width,
+            [rules.gate, rules.least_lead],
+            densities,
+            (rules.likelihood_exponent, &mut lanes.log_likelihood),
+        );
         self.write_down(rank, order, decisions);
     }
 
