@@ -77,7 +77,7 @@ def measure(world: str, filter: str, seed: int) -> Run:
         map_m=math.inf if found["landmark_rmse_m"] is None else float(found["landmark_rmse_m"]),
         live_m=float(found["ate_rmse_m"]),
         smoothed_m=float(found["smoothed_ate_rmse_m"]),
-        is_doubted=any("not sighted any more" in said for said in result.verdict),
+        is_doubted=any("there twice" in said for said in result.verdict),
         seconds=seconds,
     )
 
@@ -110,7 +110,7 @@ and filter, none of which was looked at while the rules were made. Medians, the 
 landmarks; metres after rigid alignment ("inf": nothing matches).
 
 A run is right when at most one landmark matches no true one. "Noticed" are wrong runs whose verdict says that
-landmarks were [not found again](health.md), "false alarms" right ones of which it says so. Wrong runs that
+part of the map is [there twice](health.md#verdict), "false alarms" right ones of which it says so. Wrong runs that
 are not noticed have part of the map twice, or each landmark once but some of them more than half a metre off.
 A doubted run is learned from; time is that of the processor, all runs counted.
 
