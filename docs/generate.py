@@ -145,7 +145,9 @@ limits and how often colours are right. With that, all else by default, seeds 1 
 | none | 0.55 (0.93) | 0.060 (0.101) | 0.062 (0.106) | 150 (150) of 150 | 0 (0) |
 | all but clutter | 0.46 (0.97) | 0.059 (0.101) | 0.061 (0.105) | 150 (150) of 150 | 0 (0) |
 
-The live path holds the drift of the first lap, which nothing can know before the loop closes."""
+The live path holds the drift of the first lap, which nothing can know before the loop closes. Of forty single
+runs with other seeds of the filter than of the world one loses the loop, and its verdict says so; from such a
+map `fastslam run` learns, and comes to 150 cones there too."""
 
 DETECTORS = """\
 Every key of the detectors that find landmarks in laser scans: `fastslam.detection.detect(log, settings)`,

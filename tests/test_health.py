@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from fastslam import FastSlam
 from fastslam.datasets import load
+from fastslam.evaluation import evaluate
 from fastslam.health import (
     REASONS,
     HealthStatus,
@@ -87,6 +88,11 @@ def test_sound_simulations_are_ok(preset: str, algorithm: str, association: str)
         pytest.skip("nobody names the cones")
     result = run(log, algorithm, association)
     assert result.steps.health[0] == HealthStatus.INITIALIZING
+    if (preset, algorithm) == ("cones", "fastslam1"):
+        # With 50 particles it loses the loop of this track, so that this one is not sound: then it must say so.
+        assert evaluate(result, log)["landmark_precision"] < 0.9
+        assert result.verdict
+        return
     ok = health_summary(result.steps).ok
     assert ok is not None and ok >= 0.95
     assert health_warning(result.steps) is None

@@ -110,8 +110,9 @@ and filter, none of which was looked at while the rules were made. Medians, the 
 landmarks; metres after rigid alignment ("inf": nothing matches).
 
 A run is right when at most one landmark matches no true one. "Noticed" are wrong runs whose verdict says that
-part of the map is [there twice](health.md#verdict), "false alarms" right ones of which it says so. Wrong runs that
-are not noticed have part of the map twice, or each landmark once but some of them more than half a metre off.
+part of the map is [there twice](health.md#verdict), "false alarms" right ones of which it says so. Wrong runs
+that are not noticed have part of the map twice, or each landmark once but some of them more than half a metre
+off.
 A doubted run is learned from; time is that of the processor, all runs counted.
 
 | world | filter | right | false | map [m] | live [m] | smoothed [m] | noticed | false alarms | time / plain |
