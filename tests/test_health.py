@@ -89,7 +89,7 @@ def test_sound_simulations_are_ok(preset: str, algorithm: str, association: str)
     result = run(log, algorithm, association)
     assert result.steps.health[0] == HealthStatus.INITIALIZING
     if (preset, algorithm) == ("cones", "fastslam1"):
-        # With 50 particles it loses the loop of this track, so that this one is not sound: then it must say so.
+        # With 50 particles it loses the loop of this track: not sound, and it must say so.
         assert evaluate(result, log)["landmark_precision"] < 0.9
         assert result.verdict
         return
