@@ -8,6 +8,7 @@ import fastslam
 import numpy as np
 import pytest
 from fastslam.detection import with_sightings
+from fastslam.evaluation import evaluate
 from fastslam.health import HealthStatus
 from fastslam.laid import Laid, laid_on_map
 from fastslam.log import Floats, Log
@@ -51,6 +52,15 @@ def test_a_world_that_changed_half_way_is_told(mode: str) -> None:
     found = ratios(result, changed)
     assert max(found["landmarks"], found["not found again"]) > 1.0
     assert any("the world has changed" in sentence for sentence in result.verdict)
+
+
+def test_the_drift_of_a_live_path_does_not_speak_against_the_map() -> None:
+    """Of EKF-SLAM there is no other path: it lies off the map where the loop was not closed yet."""
+    log = drive(seed=3, preset="loop", trajectory={"laps": 3})
+    result = fastslam.run(log, {"algorithm": "ekf", "association": {"mode": "unknown"}})
+    assert np.array_equal(result.path.T_world_robot, result.trajectory.T_world_robot)
+    assert evaluate(result, log)["landmark_precision"] == 1.0
+    assert against(doubts(result, log)) == ()
 
 
 def test_sightings_that_the_map_does_not_explain_are_told() -> None:

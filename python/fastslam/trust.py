@@ -61,13 +61,16 @@ def doubts(result: RunResult, log: Log) -> tuple[Doubt, ...]:
     """What speaks against the map of a run over a log, strongest first, all of it whatever the limit.
 
     What sees ranges or bearings alone cannot be laid on the map sighting by sighting: its steps are judged.
+    A live path, all that EKF-SLAM has, lies off the map wherever the robot had drifted: what does not lie on
+    the map along it says nothing of the map.
     """
     if result.interrupted:
         return ()
     whole = result.config["sensor"]["model"] == "range_bearing" and result.chart is None
     laid = laid_on_map(result, log) if whole else None
     found = [*_of_steps(result, laid), *_of_kept_map(result)]
-    found.extend(() if laid is None else _of_map(result, laid, log))
+    is_live = result.config["algorithm"] == "ekf"
+    found.extend(() if laid is None or is_live else _of_map(result, laid, log))
     found.extend(() if laid is None else _of_stretches(result, laid, log))
     return tuple(sorted(found, key=lambda doubt: -doubt.ratio))
 
