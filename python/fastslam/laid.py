@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,8 @@ WIDE = 0.9
 """The cells are as wide as sightings can be off at this quantile of their ranges."""
 EXPLAINED_SQUARED = 25.0
 """A sighting within five deviations of a landmark is explained by it."""
+LOOK_S = 1.0
+"""Sightings within this time count once: they repeat each other."""
 FRAME_S = 0.02
 """Sightings closer in time than this are of one frame."""
 
@@ -46,6 +49,17 @@ class Laid:
         direction = self.origin[:, 2] + self.bearing_rad
         ahead = np.column_stack([np.cos(direction), np.sin(direction)])
         return np.asarray(self.origin[:, :2] + self.range_m[:, None] * ahead)
+
+    @property
+    def look(self) -> Ints:
+        """Number (S,) of the second in which each sighting was made, from the first on."""
+        return np.asarray(np.floor((self.stamp_s - self.stamp_s[0]) / LOOK_S), dtype=np.int64)
+
+    def by_landmark(self) -> list[Ints]:
+        """The sightings that each landmark fits best, in order of time."""
+        order = np.argsort(self.landmark, kind="stable")
+        bounds = np.searchsorted(self.landmark[order], np.arange(len(self.mean_m) + 1))
+        return [order[start:end] for start, end in pairwise(bounds.tolist())]
 
     @property
     def explained(self) -> Bools:

@@ -334,7 +334,7 @@ def _are_same(a: Mode, b: Mode) -> bool:
 
 def _constellations(local: LandmarkMap, chart: Map, config: Config) -> tuple[Constellation, Constellation]:
     """The robot's own landmarks that are known best, and those of the map, with labels that both have."""
-    from .placement import Constellation
+    from .placement import Constellation, common_variance_m2
 
     def variances(landmarks: LandmarkMap) -> Floats:
         return np.asarray(0.5 * np.trace(landmarks.covariance_m2, axis1=1, axis2=2))
@@ -351,7 +351,7 @@ def _constellations(local: LandmarkMap, chart: Map, config: Config) -> tuple[Con
     theirs = labels(chart.landmarks)
     number = {name: index for index, name in enumerate(dict.fromkeys(filter(None, theirs)))}
     ours = [labels(local)[row] for row in rows]
-    least_m2 = _sensor_variance_m2(config)
+    least_m2 = common_variance_m2(config["sensor"])
 
     def constellation(mean_m: Floats, variance_m2: Floats, names: list[str]) -> Constellation:
         label = np.array([number.get(name, -1) for name in names], dtype=np.int64)
@@ -361,12 +361,6 @@ def _constellations(local: LandmarkMap, chart: Map, config: Config) -> tuple[Con
         constellation(local.mean_m[rows], variances(local)[rows] + least_m2, ours),
         constellation(chart.landmarks.mean_m, variances(chart.landmarks), theirs),
     )
-
-
-def _sensor_variance_m2(config: Config) -> float:
-    """A quarter of that of a sighting at five metres: what the errors of one's own map have in common."""
-    sensor = config["sensor"]
-    return float(0.25 * (sensor["range_std_m"] ** 2 + (5.0 * sensor["bearing_std_rad"]) ** 2))
 
 
 def _view(T_world_robot: Floats, range_m: Floats, config: Config) -> View:

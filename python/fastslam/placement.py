@@ -7,8 +7,9 @@ is there than if they had nothing to do with the map. The integral over the pose
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -57,6 +58,11 @@ class Placement:
     covariance: Floats
     log_odds: float
     matched: int
+
+
+def common_variance_m2(sensor: Mapping[str, Any]) -> float:
+    """A quarter of that of a sighting at five metres: what the errors of one's own map have in common."""
+    return float(0.25 * (sensor["range_std_m"] ** 2 + (5.0 * sensor["bearing_std_rad"]) ** 2))
 
 
 def charted(chart: Constellation) -> _core.Chart:

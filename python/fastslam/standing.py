@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from math import exp, lgamma, log
 
 import numpy as np
@@ -17,8 +16,6 @@ from .evaluation.align import wrap_angle
 from .laid import Laid
 from .log import Bools, Floats, Ints
 
-LOOK_S = 1.0
-"""Sightings within this time count once: they repeat each other."""
 LEAST_LOOKS = 5
 VIEW_SHARE = 0.75
 """What lies nearer and less aside than this share of the sightings counts as in view."""
@@ -62,17 +59,14 @@ class Looks:
 
     def __init__(self, laid: Laid) -> None:
         self._laid = laid
-        number = np.floor((laid.stamp_s - laid.stamp_s[0]) / LOOK_S).astype(np.int64)
-        self._of: Ints = np.unique(number, return_inverse=True)[1].astype(np.int64)
+        self._of: Ints = np.unique(laid.look, return_inverse=True)[1].astype(np.int64)
         """The look of each sighting (S,)."""
         self._count = int(self._of[-1]) + 1
         step = max(1, max(self._count, len(laid.mean_m)) * len(laid.mean_m) // MOST_CELLS)
         self.chosen: Ints = np.arange(0, len(laid.mean_m), step)
         """The landmarks that are looked at."""
-        order = np.argsort(laid.landmark, kind="stable")
-        bounds = np.searchsorted(laid.landmark[order], np.arange(len(laid.mean_m) + 1))
         good = laid.explained
-        self._nearest: list[Ints] = [order[start:end] for start, end in pairwise(bounds.tolist())]
+        self._nearest = laid.by_landmark()
         """The sightings that each landmark fits best."""
         self._rows = [own[good[own]] for own in self._nearest]
         """Those that it explains."""

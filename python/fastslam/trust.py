@@ -10,6 +10,7 @@ import numpy as np
 from .health import HealthStatus, health_summary
 from .laid import Laid, believed, laid_on_map
 from .log import Bools, Log
+from .placement import common_variance_m2
 from .result import RunResult
 from .standing import Standing, standing
 from .twofold import twofold
@@ -164,10 +165,9 @@ def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
 def _of_stretches(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
     if _is_named(result, log):
         return
-    sensor, total = result.config["sensor"], len(laid.mean_m)
+    total = len(laid.mean_m)
     variance_m2 = 0.5 * np.trace(result.landmarks.covariance_m2[believed(result)], axis1=1, axis2=2)
-    noise_m2 = 0.25 * (sensor["range_std_m"] ** 2 + (5.0 * sensor["bearing_std_rad"]) ** 2)
-    twice = len(twofold(laid, variance_m2, noise_m2))
+    twice = len(twofold(laid, variance_m2, common_variance_m2(result.config["sensor"])))
     sentence = (
         f"{twice:,} of {total:,} landmarks stand among others as earlier ones do a little further on: part "
         "of the map is there twice"

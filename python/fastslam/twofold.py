@@ -8,7 +8,6 @@ sighted then (`placement`), fits there as by chance in no other field.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from .evaluation.align import wrap_angle
 from .laid import Laid
 from .log import Floats, Ints
 from .placement import Constellation, Placement, View, apply, odds_of, placements
-from .standing import LOOK_S, surplus
+from .standing import surplus
 
 STRETCH = 16
 """So many landmarks are laid on the map together."""
@@ -53,10 +52,8 @@ def twofold(laid: Laid, variance_m2: Floats, noise_m2: float) -> list[int]:
     good = np.flatnonzero(laid.explained)
     if len(good) == 0:
         return []
-    look = np.floor((laid.stamp_s - laid.stamp_s[0]) / LOOK_S).astype(np.int64)
-    order = good[np.argsort(laid.landmark[good], kind="stable")]
-    bounds = np.searchsorted(laid.landmark[order], np.arange(len(laid.mean_m) + 1))
-    own = [order[start:end] for start, end in pairwise(bounds.tolist())]
+    look, explained = laid.look, laid.explained
+    own = [rows[explained[rows]] for rows in laid.by_landmark()]
     first = np.array([laid.stamp_s[rows].min() if len(rows) else np.inf for rows in own])
     looks = tuple(frozenset(look[rows].tolist()) for rows in own)
     known = _Known(laid.mean_m, variance_m2 + noise_m2, first, looks)

@@ -27,7 +27,11 @@ AS_MUCH = 0.02
 OWN_SHARE = 0.2
 """Landmarks that explain less than this share of what those of a map do on average may be there twice."""
 OF_THE_MAP = (LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED)
-"""What speaks against a map whatever its noise; innovations speak against the noise."""
+"""What speaks against a map whatever its noise; innovations speak against the noise.
+
+Not what is there twice: of the one such map that was tried (a loop with a sensor that faces back) learning
+made a bent one against which nothing speaks, and a map that is told wrong is better than that.
+"""
 WORTHLESS = 4.0
 """A map that goes so many times beyond what is believed of a map is no map: 40 % of it do not stand."""
 
