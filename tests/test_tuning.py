@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,13 @@ from fastslam.cli.tune import sentences_of, show_tuning
 from fastslam.config import Config, load_config, merge
 from fastslam.datasets import write_native
 from fastslam.errors import DataError
+from fastslam.examination.hypotheses import Hypothesis
+from fastslam.examination.stretches import Bench
 from fastslam.log import Log
 from fastslam.runner import configure, run
 from fastslam.simulation import resolve_simulation, simulate
-from fastslam.tuning import Tuning, tune
+from fastslam.tuning import Tuning, begin, tune
+from fastslam.tuning.begin import nats_of
 from fastslam.tuning.judge import SOUND, Judgement, evidence, judged, log_new_density
 from fastslam.tuning.learn import (
     LASER_SCALE_STD,
@@ -141,6 +145,23 @@ def test_ranges_that_are_long_are_put_right() -> None:
     assert any("does not tell which of the two" in sentence for sentence in sentences_of(found))
     assert found.alternative["sensor"]["range_scale"] == 1.0
     assert found.alternative["motion"]["correction"]["distance_gain"] == pytest.approx(scale.value, abs=1e-4)
+
+
+def test_nothing_is_tried_twice(broken: Log, found: Tuning, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[Hypothesis] = []
+
+    def counted(bench: Bench, hypothesis: Hypothesis) -> float:
+        tried.append(hypothesis)
+        return nats_of(bench, hypothesis)
+
+    monkeypatch.setattr(begin, "nats_of", counted)
+    config = configure(broken, UNKNOWN)
+    best = begin.beginning(broken, config, wide_noise(broken, config)).hypothesis
+    assert len(tried) > 30 and len(set(tried)) == len(tried)
+    assert best.turn_gain == TURN, "and what was tried decides"
+    settings = [attempt.settings for attempt in found.attempts]
+    assert len(settings) > 1
+    assert not any(one == other for one, other in combinations(settings, 2))
 
 
 def test_evidence_does_not_pay_for_new_landmarks(sound: Log) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..dead_reckoning import DeadReckoning
 from ..examination.hypotheses import AS_IS, Hypothesis
-from ..examination.stretches import Bench, stretches
+from ..examination.stretches import Bench, only_used, stretches
 from ..log import Floats, Log
 
 TURN_GAINS = (0.5, 0.57, 0.65, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.75, 2.0)
@@ -50,14 +50,13 @@ def beginning(log: Log, config: Mapping[str, Any], wide: Floats) -> Beginning:
     if len(asked.asked) < LEAST_QUESTIONS:
         return Beginning(AS_IS, ())
     sensor = {**config["sensor"], "range_std_m": float(wide[0]), "bearing_std_rad": float(wide[1])}
-    bench = Bench(log.sightings, sensor, DeadReckoning(log.controls, config["motion"]), asked)
+    used, asked = only_used(log.sightings, asked)
+    bench = Bench(used, sensor, DeadReckoning(log.controls, config["motion"]), asked)
     best, nats = AS_IS, {AS_IS: nats_of(bench, AS_IS)}
     for _ in range(SWEEPS):
         for name, values in (("turn_gain", TURN_GAINS), ("delay_s", DELAYS_S), ("speed_gain", SPEED_GAINS)):
-            for value in values:
-                tried = _with(best, name, value)
-                nats.setdefault(tried, nats_of(bench, tried))
             here = [_with(best, name, value) for value in values]
+            nats |= {tried: nats_of(bench, tried) for tried in here if tried not in nats}
             found = max(here, key=nats.__getitem__)
             best = found if nats[found] > nats[best] + LEAST_GAIN else best
     alone = tuple(

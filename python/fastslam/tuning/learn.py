@@ -192,19 +192,20 @@ def learn(
     problem = problem_of(log, config, stretch, places)
     problem = replace(problem, prior=problem.prior + before - [value_of(config, one.key) for one in known])
     now, problem, noise = _settled(log, config, stretch, problem)
-    values = _judged(log, known, before, (problem, noise))
+    values, _ = _judged(log, known, before, (problem, noise))
     # What is kept as stated must be so when the noise is learned, or it would be that of another robot.
     held = np.array([value.key for value in values if not value.significant])
     problem = _holding(problem, np.isin([one.key for one in known], held))
     _, problem, noise = _settled(log, now, stretch, problem, noise)
-    again = {value.key: value for value in _judged(log, known, before, (problem, noise))}
+    found, rows = _judged(log, known, before, (problem, noise))
+    again = {value.key: value for value in found}
     values = blamed(
         tuple(value if value.key in held else again[value.key] for value in values),
         known,
         before,
         scale_std=SCALE_STD if log.scans is None else LASER_SCALE_STD,
     )
-    return _learned(stated, parts, noise, values, (stretch, linearised(problem, noise)))
+    return _learned(stated, parts, noise, values, (stretch, rows))
 
 
 def blamed(
@@ -232,15 +233,16 @@ def blamed(
 
 def _judged(
     log: Log, known: tuple[Known, ...], before: Floats, solution: tuple[Problem, Noise]
-) -> tuple[Value, ...]:
-    """The parameters of a solution with their standard errors."""
+) -> tuple[tuple[Value, ...], Rows]:
+    """The parameters of a solution with their standard errors, and the rows of the solution."""
     problem, noise = solution
     rows = linearised(problem, noise)
     followed = rows.solver.followed(np.random.default_rng(0))
     error = np.sqrt(np.diag(rows.solver.covariance)) * _repeats(problem, rows, followed)
     delay = [one.key for one in known].index(DELAY)
     error[delay] = np.hypot(error[delay], WITHIN_A_ROW * float(np.median(np.diff(log.controls.stamp_s))))
-    return _values(known, before, before - (problem.prior - problem.parameters), error, problem.prior_std)
+    found = before - (problem.prior - problem.parameters)
+    return _values(known, before, found, error, problem.prior_std), rows
 
 
 def _repeats(problem: Problem, rows: Rows, followed: Floats) -> Floats:
@@ -295,7 +297,7 @@ def _settled(
 def _stepped(problem: Problem, noise: Noise, rows: Rows) -> tuple[Problem, float]:
     """The problem a step further, and the share of the step that it took: all of it, if that is no worse."""
     unknowns, parameters = rows.solver.step()
-    before, shorter = cost_of(problem, noise), 1.0
+    before, shorter = rows.cost, 1.0
     for _ in range(HALVINGS):
         moved = moved_by(problem, shorter * unknowns, shorter * parameters)
         if cost_of(moved, noise) <= before + COSTS_NOTHING:

@@ -72,9 +72,9 @@ class Part:
         return nested(self.key, float(square if self.squared else np.sqrt(square)))
 
 
-def noise_parts(controls: Controls, motion: dict[str, Any]) -> tuple[Part, ...]:
-    """The parts that the noise of a motion model is made of."""
-    twists = arc_twists(controls, motion)
+def noise_parts(controls: Controls, motion: dict[str, Any], twists: Floats | None = None) -> tuple[Part, ...]:
+    """The parts that the noise of a motion model is made of; `twists`: its `arc_twists`, if there already."""
+    twists = arc_twists(controls, motion) if twists is None else twists
     return tuple(part for part in _parts(controls, motion, twists) if float(np.mean(part.density)) > 0)
 
 
@@ -133,7 +133,8 @@ def links(
     controls: Controls, config: Mapping[str, Any], stamp_s: Floats, by_parameter: Floats | None = None
 ) -> Links:
     """The links between the stamps of sightings under complete settings; `by_parameter` where it is known."""
-    parts = noise_parts(controls, config["motion"])
+    here_twists = arc_twists(controls, config["motion"])
+    parts = noise_parts(controls, config["motion"], here_twists)
     analysed: dict[float, Between] = {}
 
     def between(settings: Mapping[str, Any]) -> Between:
@@ -141,8 +142,6 @@ def links(
         if delay_s not in analysed:
             analysed[delay_s] = Between(controls, stamp_s - delay_s)
         return analysed[delay_s]
-
-    here_twists = arc_twists(controls, config["motion"])
 
     def moved(settings: Mapping[str, Any]) -> Floats:
         same = settings["motion"] == config["motion"]

@@ -73,6 +73,8 @@ class Rows:
     variance: Floats
     """Of the motion (K - 1, 3)."""
     solver: Solver
+    cost: float
+    """As `cost_of`."""
 
 
 class Solver:
@@ -136,12 +138,17 @@ def linearised(problem: Problem, noise: Noise) -> Rows:
         weights=weights,
         variance=variance,
         solver=solver,
+        cost=_cost(problem, noise, rows, root),
     )
 
 
 def cost_of(problem: Problem, noise: Noise) -> float:
     """What the least-squares problem makes least: minus the log of the posterior, but for a constant."""
     rows, _, root = _unweighed(problem, noise)
+    return _cost(problem, noise, rows, root)
+
+
+def _cost(problem: Problem, noise: Noise, rows: bordered.Rows, root: Floats) -> float:
     squared = np.sum(rows.seen**2 / noise.seen, axis=1)
     tail = noise.tail
     seen = squared if tail is None else (tail + 2) * np.log1p(squared / tail)

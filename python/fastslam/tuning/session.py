@@ -40,6 +40,8 @@ from .problem import Noise, Problem
 from .tracks import Scene, of_map, scene, short_tracks
 
 Progress: TypeAlias = Callable[[int, int], None]
+Tracked: TypeAlias = tuple[Stretch, tuple[Floats, Floats]]
+"""Tracks, and the poses (K, 3) and places (L, 2) to begin with."""
 LEARNED_SHARE = 0.7
 """Share of the sightings, the first ones, that teach; the others judge."""
 LEAST_FOLLOWED = 0.5
@@ -207,7 +209,7 @@ def _search(session: _Session, stated: RunResult | None) -> Attempt:
         if relearned is None:
             break
         latest = session.attempt_again(best, relearned)
-        if _better([best, latest]) is best:
+        if latest is None or _better([best, latest]) is best:
             break
         best = latest
     session.finish()
@@ -218,7 +220,7 @@ def _widen(session: _Session, tracked: Learned) -> None:
     """Runs under ever wider noise, until a wider one than that of a sound map is no better."""
     tracked = of_turns_and_delay(tracked)
     for wider in WIDER:
-        latest = session.attempt_wide(f"with {_NAMES[wider]} noise", tracked, wider)
+        latest = session.attempt_wide(tracked, wider)
         best = _better(session.attempts)
         if best.is_sound and best is not latest:
             break
@@ -253,22 +255,28 @@ class _Session:
         self.attempts: list[Attempt] = []
         self.hypotheses: tuple[Tried, ...] = ()
         self._start: Noise | None = None
+        self._tracks: list[tuple[Mapping[str, Any], Tracked]] = []
+        """What was followed from scan to scan, by the settings that it was followed under."""
         wide = wide_noise(log, config)
         noise = {"range_std_m": float(wide[0]), "bearing_std_rad": float(wide[1])}
         self._common = merge(config, {"sensor": {**noise, "tail_degrees_of_freedom": None}})
 
-    def attempt_again(self, best: Attempt, relearned: Learned) -> Attempt:
-        """Runs the filter as the map of an attempt teaches: the errors alone where its noise was wide."""
+    def attempt_again(self, best: Attempt, relearned: Learned) -> Attempt | None:
+        """Runs the filter as the map of an attempt teaches: the errors alone where its noise was wide.
+
+        None where that is what another run was made with.
+        """
         name = f"from the map of run {[one is best for one in self.attempts].index(True) + 1}"
         if best.wider:
-            return self.attempt_wide(f"{name}, {_NAMES[best.wider]} noise", relearned, best.wider)
-        return self.attempt(name, relearned.settings, relearned)
+            name, relearned = f"{name}, {_NAMES[best.wider]} noise", self.widened(relearned, best.wider)
+        if any(one.settings == relearned.settings for one in self.attempts):
+            return None
+        return self.attempt(name, relearned.settings, relearned, wider=best.wider)
 
-    def attempt_wide(self, name: str, learned: Learned, wider: float) -> Attempt:
+    def attempt_wide(self, learned: Learned, wider: float) -> Attempt:
         """Runs the filter with the systematic errors that were learned, under a wide noise."""
         wide = self.widened(learned, wider)
-        self.attempts[-1] = replace(self.attempt(name, wide.settings, wide), wider=wider)
-        return self.attempts[-1]
+        return self.attempt(f"with {_NAMES[wider]} noise", wide.settings, wide, wider=wider)
 
     def attempt(
         self,
@@ -276,6 +284,7 @@ class _Session:
         settings: dict[str, Any],
         learned: Learned | None,
         *,
+        wider: float = 0.0,
         made: RunResult | None = None,
     ) -> Attempt:
         """Runs the filter with settings over those stated, unless that run was `made`.
@@ -291,9 +300,8 @@ class _Session:
         if result.interrupted and self.attempts:
             raise KeyboardInterrupt
         nats = evidence(result, self.until_s, self._common)
-        self.attempts.append(
-            Attempt(name, settings, learned, result, nats, judged(result, self.log, self._common))
-        )
+        judgement = judged(result, self.log, self._common)
+        self.attempts.append(Attempt(name, settings, learned, result, nats, judgement, wider))
         if result.interrupted:
             raise KeyboardInterrupt
         return self.attempts[-1]
@@ -334,7 +342,14 @@ class _Session:
             self._start = self.problem_from_tracks()[1]
         return widened(learned, self.config, parts, (self._start, wider))
 
-    def _tracked(self, config: Mapping[str, Any]) -> tuple[Stretch, tuple[Floats, Floats]]:
+    def _tracked(self, config: Mapping[str, Any]) -> Tracked:
+        found = next((tracked for under, tracked in self._tracks if under == config), None)
+        if found is None:
+            found = self._followed(config)
+            self._tracks.append((config, found))
+        return found
+
+    def _followed(self, config: Mapping[str, Any]) -> Tracked:
         seen, window = usable_sightings(self.log, self.until_s)
         shown = self._scene(config, reckoned(self.log, config, seen.stamp_s))
         stretch = stretch_of(seen, window, track := short_tracks(shown))
