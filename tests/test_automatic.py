@@ -11,11 +11,12 @@ import pytest
 import yaml
 from cli_runner import fastslam as command
 from fastslam.automatic import is_learning_due, learned_first, sounder_than, unstated_noise
+from fastslam.config import merge
 from fastslam.datasets import write_native
 from fastslam.evaluation import evaluate
 from fastslam.log import Log
 from fastslam.simulation import resolve_simulation, simulate
-from fastslam.tuning.session import MOST_RUNS
+from fastslam.tuning.session import MOST_RUNS, REPEATING
 from faults import with_swapped_wheels
 from small_log import write_small_log
 
@@ -69,6 +70,17 @@ def lasting(seed: int) -> Log:
     return replace(log, sightings=replace(seen, range_m=range_m, bearing_rad=bearing_rad, identity=unnamed))
 
 
+def test_where_errors_last_wide_noise_is_tried_and_what_is_stated_while_it_may_win() -> None:
+    settings = {"association": {"mode": "unknown"}, "filter": {"particles": 30}}
+    found = fastslam.tune(lasting(3), settings)
+    stated, *others = found.attempts
+    assert all(attempt.learned.correlation > REPEATING for attempt in others if attempt.learned is not None)
+    assert stated.name == "as stated" and stated.was_ended and all(attempt.wider for attempt in others)
+    whole = len(found.result.steps.stamp_s)
+    steps = [len(attempt.result.steps.stamp_s) for attempt in found.attempts]
+    assert steps[0] < 0.7 * whole and sum(steps) < 4 * whole
+
+
 def test_errors_that_last_do_not_double_the_map() -> None:
     log, settings = lasting(3), {"association": {"mode": "unknown"}, "filter": {"particles": 30}}
     plain, result = fastslam.run(log, settings, auto=False), fastslam.run(log, settings)
@@ -83,12 +95,14 @@ def test_who_stops_the_learning_keeps_the_best_run_until_then(silent: Log, runs:
         if done * MOST_RUNS > runs * total:
             raise KeyboardInterrupt
 
-    result = fastslam.run(silent, FEW, progress=stop)
+    # As many particles as make a run last for a few calls of the progress.
+    settings = merge(FEW, {"filter": {"particles": 200}})
+    result = fastslam.run(silent, settings, progress=stop)
     assert result.interrupted and not result.warnings
-    whole = fastslam.run(silent, FEW, auto=False)
+    whole = fastslam.run(silent, settings, auto=False)
     assert (len(result.steps.stamp_s) == len(whole.steps.stamp_s)) == (runs > 1)
     with pytest.raises(KeyboardInterrupt):
-        fastslam.tune(silent, FEW, progress=stop)
+        fastslam.tune(silent, settings, progress=stop)
 
 
 def test_a_log_that_tells_nothing_is_run_as_it_is_with_a_word(tmp_path: Path) -> None:

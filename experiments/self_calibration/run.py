@@ -191,7 +191,8 @@ def measure(case: Case, data: Path) -> dict[str, Any]:
     except FastSlamError as error:
         return {**row, "refused": str(error), "before": figures(run(log, settings), log)}
     row["seconds"] = time.perf_counter() - began
-    row["before"] = figures(found.attempts[0].result, log)
+    stated = found.attempts[0]
+    row["before"] = figures(run(log, settings) if stated.was_ended else stated.result, log)
     row["after"] = figures(found.result, log)
     if case.world:
         row["told"] = figures(fastslam.run(told_truth(case), settings), log)

@@ -125,10 +125,12 @@ def _in_short(found: Tuning) -> str:
         return "not all of the noise is stated; the log is explained best by the settings as they are"
     set_ = [value for value in found.values if value.significant]
     told = ", ".join(f"{value.key} {value.value:.3g}" for value in set_ if value.value != value.stated)
-    return (
-        f"not all of the noise is stated: learned from the log ({found.evidence_gain:,.0f} nats better "
-        f"than the settings as they are, {LEARNED_FILE}): {told}"
+    better = (
+        "the settings as they are map things again and again"
+        if found.attempts[0].was_ended
+        else f"{found.evidence_gain:,.0f} nats better than the settings as they are"
     )
+    return f"not all of the noise is stated: learned from the log ({better}, {LEARNED_FILE}): {told}"
 
 
 def show_tuning(name: str, found: Tuning) -> None:
@@ -136,7 +138,7 @@ def show_tuning(name: str, found: Tuning) -> None:
     headings = ("!parameter", ">stated", ">found", ">95 % interval", "unit", ">nats", "!")
     if found.values:
         stdout().print(make_table(name, headings, [_row(value) for value in found.values]))
-    rows = [(a.name, f"{a.evidence:,.0f}", a.fault or "") for a in found.attempts]
+    rows = [(a.name, "" if a.was_ended else f"{a.evidence:,.0f}", a.fault or "") for a in found.attempts]
     stdout().print(make_table("evidence", ("settings", f">nats on {found.judged:,} sightings", ""), rows))
     for sentence in sentences_of(found):
         stderr().print(f"note: {sentence}", markup=False, highlight=False, soft_wrap=True)
@@ -186,12 +188,15 @@ def facts_of(found: Tuning) -> dict[str, Any]:
         }
         for value in found.values
     ]
-    attempts = [{"name": a.name, "evidence": a.evidence, "fault": a.fault} for a in found.attempts]
+    attempts = [
+        {"name": a.name, "evidence": None if a.was_ended else a.evidence, "fault": a.fault}
+        for a in found.attempts
+    ]
     return {
         "settings": found.settings,
         "alternative": found.alternative,
         "values": values,
-        "evidence_gain": found.evidence_gain,
+        "evidence_gain": None if math.isnan(found.evidence_gain) else found.evidence_gain,
         "judged_sightings": found.judged,
         "attempts": attempts,
         "notes": sentences_of(found),

@@ -98,12 +98,27 @@ class Judgement:
         less = AS_MUCH if other.doubt is None else max(AS_MUCH, OWN_SHARE * fewer)
         return self.explained > other.explained - less
 
+    @property
+    def share(self) -> float:
+        """A map of which this one has a smaller share is kept in its place only if it is sound; 0 for none.
+
+        As a doubted one it would have to explain more of the log than there is.
+        """
+        return float(np.clip(1.0 - (1.0 - self.explained) / OWN_SHARE, 0.0, FEWER))
+
     def explains_as_much_as(self, other: Judgement) -> bool:
         """Whether as many sightings lie near the landmarks as near those of another map."""
         return self.explained > other.explained - AS_MUCH
 
 
 SOUND = 2
+
+
+def ended(result: RunResult, best: Judgement) -> Judgement:
+    """Of a run that was ended for the landmarks that it had more than the best one."""
+    landmarks = int(result.steps.landmarks[-1])
+    reason = f"its map had {landmarks:,} landmarks when it was ended, that of the best run {best.landmarks:,}"
+    return Judgement(reason, reason, landmarks, explained=1.0)
 
 
 def judged(result: RunResult, log: Log, common: Mapping[str, Any]) -> Judgement:

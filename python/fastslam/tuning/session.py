@@ -17,7 +17,8 @@ from ..result import RunResult
 from ..runner import configure, refuse_ranges_alone, run
 from ..settings import Layer
 from .begin import Beginning, Tried, beginning
-from .judge import SOUND, Judgement, evidence, judged
+from .ending import Growth
+from .judge import SOUND, Judgement, ended, evidence, judged
 from .learn import (
     LEAST_PER_TRACK,
     SCALE,
@@ -50,6 +51,7 @@ Park, 0.24 where bearings are random."""
 LEAST_NATS = 10.0
 """So many nats settings must gain on the sightings that judge, or the simpler ones are kept."""
 MOST_RUNS = 7
+AS_STATED = "as stated"
 _NAMES = dict(zip(WIDER, ("wide", "wider", "widest"), strict=True))
 REPEATING = 1.5
 """From here on errors of neighbouring sightings are said to repeat."""
@@ -64,9 +66,12 @@ class Attempt:
     learned: Learned | None
     result: RunResult
     evidence: float
+    """NaN of a run that was ended early."""
     judgement: Judgement
     wider: float = 0.0
     """So many times as wide as what is wide is the noise; 0 where it is stated or learned."""
+    was_ended: bool = False
+    """Whether its map grew so far beyond that of the best run that it was ended."""
 
     @property
     def fault(self) -> str | None:
@@ -87,10 +92,11 @@ class Tuning:
     """Empty where the settings stated explain the log best."""
     values: tuple[Value, ...]
     evidence_gain: float
-    """Nats gained on the sightings that judged, over the settings stated."""
+    """Nats gained on the sightings that judged, over the settings stated; NaN where that run was ended."""
     judged: int
     """How many sightings judged."""
     attempts: tuple[Attempt, ...]
+    """First the one with the settings stated, the others as they were made."""
     hypotheses: tuple[Tried, ...]
     best: Attempt
     interrupted: bool = False
@@ -197,11 +203,19 @@ def searched(
 
 
 def _search(session: _Session, stated: RunResult | None) -> Attempt:
-    """Runs as stated, as short tracks teach, with wide noise, as the best map teaches: the best of them."""
-    session.attempt("as stated", {}, None, made=stated)
+    """Runs as short tracks teach or with wide noise, as stated, as the best map teaches: the best of them."""
+    if stated is not None:
+        session.attempt_as_stated(stated)
     tracked = session.learned_from_tracks(session.begun())
-    session.attempt("from short tracks", tracked.settings, tracked)
-    if tracked.correlation > REPEATING or not _better(session.attempts).is_sound:
+    repeating = tracked.correlation > REPEATING
+    hopeless = repeating and not session.named
+    if hopeless:
+        _widen(session, tracked)
+    else:
+        session.attempt("from short tracks", tracked.settings, tracked)
+    if stated is None:
+        session.attempt_as_stated()
+    if not hopeless and (repeating or not _better(session.attempts).is_sound):
         _widen(session, tracked)
     best = _better(session.attempts)
     while len(session.attempts) < MOST_RUNS and (best.fault is None or best.wider):
@@ -231,10 +245,11 @@ def _better(attempts: list[Attempt]) -> Attempt:
 
     **Why:** evidence alone prefers a map that is there many times over: under noise that is too narrow for
     errors which last, each copy explains the sightings of its time. An earlier attempt is kept unless it
-    loses LEAST_NATS.
+    loses LEAST_NATS. One that was ended is none; the first run never is.
     """
-    best = attempts[0]
-    for other in attempts[1:]:
+    whole = [attempt for attempt in attempts if not attempt.was_ended]
+    best = whole[0]
+    for other in whole[1:]:
         sounder = other.judgement.rank - best.judgement.rank
         simpler = other.judgement.is_simpler(best.judgement) - best.judgement.is_simpler(other.judgement)
         likelier = other.evidence > best.evidence + LEAST_NATS
@@ -251,7 +266,7 @@ class _Session:
         if len(log.sightings.stamp_s) == 0:
             raise DataError("the log has no sightings to learn from", log.source)
         self.until_s = float(np.quantile(log.sightings.stamp_s, LEARNED_SHARE))
-        self._named = config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
+        self.named = config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
         self.attempts: list[Attempt] = []
         self.hypotheses: tuple[Tried, ...] = ()
         self._start: Noise | None = None
@@ -285,26 +300,53 @@ class _Session:
         learned: Learned | None,
         *,
         wider: float = 0.0,
-        made: RunResult | None = None,
     ) -> Attempt:
-        """Runs the filter with settings over those stated, unless that run was `made`.
+        """Runs the filter with settings over those stated.
 
-        An interrupted run counts if it is the first.
+        It is ended where its map grows far beyond the best one until then. An interrupted run counts if it is
+        the first.
         """
 
         def advance(done: int, total: int, number: int = len(self.attempts)) -> None:
             if self._progress is not None:
                 self._progress(number * total + done, MOST_RUNS * total)
 
-        result = made or run(self.log, merge(self._layer, settings), progress=advance)
+        growth = self._growth()
+        result = run(self.log, merge(self._layer, settings), progress=advance, watch=growth)
+        if growth is not None and growth.has_ended:
+            judgement = ended(result, _better(self.attempts).judgement)
+            self.attempts.append(
+                Attempt(name, settings, learned, result, np.nan, judgement, wider, was_ended=True)
+            )
+            return self.attempts[-1]
         if result.interrupted and self.attempts:
             raise KeyboardInterrupt
-        nats = evidence(result, self.until_s, self._common)
-        judgement = judged(result, self.log, self._common)
-        self.attempts.append(Attempt(name, settings, learned, result, nats, judgement, wider))
+        self.attempts.append(self._judged(name, settings, learned, result, wider))
         if result.interrupted:
             raise KeyboardInterrupt
         return self.attempts[-1]
+
+    def attempt_as_stated(self, made: RunResult | None = None) -> None:
+        """Runs the filter with the settings stated, unless that run was `made`: the first of the attempts."""
+        if made is not None:
+            self.attempts.append(self._judged(AS_STATED, {}, None, made, 0.0))
+            return
+        self.attempt(AS_STATED, {}, None)
+        self.attempts.insert(0, self.attempts.pop())
+
+    def _judged(
+        self, name: str, settings: dict[str, Any], learned: Learned | None, result: RunResult, wider: float
+    ) -> Attempt:
+        nats = evidence(result, self.until_s, self._common)
+        return Attempt(name, settings, learned, result, nats, judged(result, self.log, self._common), wider)
+
+    def _growth(self) -> Growth | None:
+        """What ends a run whose map grows beyond the best one's; None where nothing is a measure of it."""
+        if not self.attempts:
+            return None
+        best = _better(self.attempts)
+        share = best.judgement.share
+        return Growth(best.result, share) if share > 0.0 and not best.result.interrupted else None
 
     def begun(self) -> Beginning:
         """The hypothesis that a stretch of the log speaks for, by which short tracks are followed first."""
@@ -322,8 +364,7 @@ class _Session:
         """Learns from what is followed from scan to scan, twice, for the second time with better odometry."""
         config, learned = _begun(self.config, begin), None
         for _ in range(2):
-            stretch, places = self._tracked(config)
-            learned = learn(self.log, config, stretch, places, stated=self.config)
+            learned = learn(self.log, config, *self._tracked(config), stated=self.config)
             config = merge(self.config, _errors_of(learned))
         assert learned is not None
         return learned
@@ -365,7 +406,7 @@ class _Session:
         seen, window = usable_sightings(self.log, self.until_s)
         landmarks = result.landmarks
         shown = self._scene(config, _path_at(result, seen.stamp_s - config["sensor"]["delay_s"]))
-        if self._named:
+        if self.named:
             rows = {name: row for row, name in enumerate(landmarks.ids)}
             of_identity = np.array([rows.get(name, -1) for name in self.log.identity_names] + [-1])
             track = of_identity[seen.identity]
@@ -383,7 +424,7 @@ class _Session:
 
     def _scene(self, config: Mapping[str, Any], poses: Floats) -> Scene:
         seen, _ = usable_sightings(self.log, self.until_s)
-        return scene(seen, config["sensor"], poses, wide_noise(self.log, config), named=self._named)
+        return scene(seen, config["sensor"], poses, wide_noise(self.log, config), named=self.named)
 
 
 def _begun(config: Mapping[str, Any], begin: Beginning) -> dict[str, Any]:
