@@ -100,7 +100,9 @@ def test_who_stops_the_learning_keeps_the_best_run_until_then(silent: Log, runs:
     result = fastslam.run(silent, settings, progress=stop)
     assert result.interrupted and not result.warnings
     whole = fastslam.run(silent, settings, auto=False)
-    assert (len(result.steps.stamp_s) == len(whole.steps.stamp_s)) == (runs > 1)
+    # A fast machine may be through with a run before it is first asked.
+    assert len(result.steps.stamp_s) <= len(whole.steps.stamp_s)
+    assert runs < 1 or len(result.steps.stamp_s) == len(whole.steps.stamp_s)
     with pytest.raises(KeyboardInterrupt):
         fastslam.tune(silent, settings, progress=stop)
 

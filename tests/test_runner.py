@@ -82,6 +82,19 @@ def test_interrupt_returns_what_was_computed() -> None:
     np.testing.assert_array_equal(result.trajectory.T_world_robot, whole.trajectory.T_world_robot[:steps])
 
 
+def test_an_interrupt_at_the_very_end_loses_nothing() -> None:
+    whole = run(make_small_log(), FEW)
+    steps = len(whole.steps.stamp_s)
+
+    def interrupt_at_the_end(done: int, total: int) -> None:
+        if (done, total) == (steps, steps):
+            raise KeyboardInterrupt
+
+    result = run(make_small_log(), FEW, progress=interrupt_at_the_end)
+    assert result.interrupted
+    np.testing.assert_array_equal(result.trajectory.T_world_robot, whole.trajectory.T_world_robot)
+
+
 def test_other_exceptions_of_progress_are_raised() -> None:
     def fail(done: int, total: int) -> None:
         raise ZeroDivisionError("mine")

@@ -191,7 +191,11 @@ def run(
             checkpoints.end()
     if progress is not None and not result.interrupted:
         # The core counts up to a bound, which gaps and empty scans keep it from reaching.
-        progress(len(result.steps.stamp_s), len(result.steps.stamp_s))
+        try:
+            progress(len(result.steps.stamp_s), len(result.steps.stamp_s))
+        except KeyboardInterrupt:
+            # As anywhere in the run: what was computed, here all of it, is not lost.
+            result = replace(result, interrupted=True)
     return result
 
 
