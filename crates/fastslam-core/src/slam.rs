@@ -58,7 +58,7 @@ pub fn create(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
 fn mixed(config: Config, identities: Identities) -> Result<Box<dyn Slam>> {
     Ok(match config.algorithm {
         Algorithm::Ekf => Box::new(EkfSlam::<RangeOrBearing>::mixed(config, identities)?),
-        Algorithm::Fastslam1 | Algorithm::Fastslam2 => Box::new(FastSlam::<RangeOrBearing>::mixed(config, identities)?),
+        Algorithm::Fastslam1 | Algorithm::Fastslam2 => Box::new(FastSlam::mixed(config, identities)?),
     })
 }
 
@@ -71,7 +71,7 @@ pub fn check_names(model: &str, identities: Identities) -> Result<()> {
     Err(Error::parameter("sensor.model", model, expected))
 }
 
-impl<M: Placing> Slam for FastSlam<M> {
+impl Slam for FastSlam {
     fn begin(&mut self, beginning: &Beginning) -> Result<()> {
         FastSlam::begin(self, beginning)
     }

@@ -6,7 +6,7 @@ use fastslam_core::config::{Algorithm, AssociationMode, Config, Method, Removal}
 use fastslam_core::ekf_slam::EkfSlam;
 use fastslam_core::filter::{FastSlam, Identities, LeftOut, Scan, Sighting, Taken};
 use fastslam_core::geometry::Pose;
-use fastslam_core::measurement::{RangeOrBearing, Sensor};
+use fastslam_core::measurement::Sensor;
 use fastslam_core::run::{run, RunOutput};
 use fastslam_core::slam::{self, Slam};
 use fastslam_core::store::StoreKind;
@@ -128,7 +128,7 @@ fn the_joint_filter_is_that_of_a_textbook_by_one_number() {
 
 /// The proposal and the landmark of one particle, against updates by one number.
 fn one_particle_is_exact(algorithm: Algorithm) {
-    let mut filter = FastSlam::<RangeOrBearing>::mixed(exact(algorithm, ""), Identities::All).unwrap();
+    let mut filter = FastSlam::mixed(exact(algorithm, ""), Identities::All).unwrap();
     filter
         .take(Scan { stamp_s: 0.0, sensor: LASER, sightings: &[Sighting::range_bearing(5.0, 0.4, Some(7))] })
         .unwrap();
@@ -210,7 +210,7 @@ fn what_the_map_lacks_is_left_out_and_counted() {
 fn a_tail_of_one_number_bears_a_wild_sighting() {
     let heavy = r#", "tail_degrees_of_freedom": 4"#;
     let moved = |tail: &str| {
-        let mut filter = FastSlam::<RangeOrBearing>::mixed(exact(Algorithm::Fastslam2, tail), Identities::All).unwrap();
+        let mut filter = FastSlam::mixed(exact(Algorithm::Fastslam2, tail), Identities::All).unwrap();
         let laser = [Sighting::range_bearing(5.0, 0.4, Some(7))];
         for k in 0..5 {
             filter.take(Scan { stamp_s: f64::from(k), sensor: LASER, sightings: &laser }).unwrap();

@@ -31,7 +31,7 @@ fn labelled(range_m: f64, bearing_rad: f64, identity: u32) -> Sighting {
 }
 
 /// Errors that name the first number of the filter's output that is not finite.
-fn check_finite<M: Placing>(filter: &mut FastSlam<M>) -> Result<(), String> {
+fn check_finite(filter: &mut FastSlam) -> Result<(), String> {
     let finite = |what: &str, values: &[f64]| match values.iter().all(|v| v.is_finite()) {
         true => Ok(()),
         false => Err(format!("{what}: {values:?}")),
@@ -236,7 +236,7 @@ fn when_no_particle_can_explain_a_sighting_the_step_is_named_and_the_filter_goes
                 filter.predict([1.0, 0.1, 0.0], 0.1).unwrap();
                 filter.update(f64::from(step), &seen).unwrap();
             }
-            let stamps = |filter: &FastSlam<Broken>| filter.best_path().iter().map(|node| node.0).collect::<Vec<_>>();
+            let stamps = |filter: &FastSlam| filter.best_path().iter().map(|node| node.0).collect::<Vec<_>>();
             // What is infinitely off is taken for misread three times, then the pose is doubted.
             let (wild, mut step) = ([labelled(60.0, 0.3, 1)], if error_m.is_nan() { 9 } else { 6 });
             while step < 9 {

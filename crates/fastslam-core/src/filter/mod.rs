@@ -26,6 +26,7 @@ mod imagine;
 mod judge;
 mod landmarks;
 mod looking;
+mod machine;
 mod merger;
 mod merging;
 mod names;
@@ -64,18 +65,15 @@ use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::Result;
 use crate::geometry::{Pose, Symmetric2};
 use crate::given::{Beginning, GivenLandmark};
-use crate::measurement::{Placing, RangeBearing, RangeOrBearing, Sensor};
+use crate::measurement::{Placing, RangeOrBearing, Sensor};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::path::PathForest;
 use crate::store::StoreUsage;
-use beside::Beside;
-use engine::Engine;
 use eyes::fresh_eyes;
 use landmarks::Landmarks;
-use rounds::Progress;
+use machine::{Machine, Running};
 use setup::{Settings, Setup, Setups};
 use state::State;
-use std::sync::Arc;
 
 /// FastSLAM 1.0 and 2.0.
 ///
@@ -90,9 +88,10 @@ use std::sync::Arc;
 /// ```
 ///
 /// Where it is so configured (`filter.rejuvenation.delay_scans`), paths are drawn on a thread beside it.
-pub struct FastSlam<M = RangeBearing> {
-    engine: Engine<M>,
-    beside: Beside<M>,
+///
+/// What its steps do depends on the measurement model, its type does not.
+pub struct FastSlam {
+    machine: Box<dyn Machine>,
 }
 
 impl FastSlam {
@@ -103,9 +102,7 @@ impl FastSlam {
         let models = config.each_sensor().into_iter().map(Sensor::range_bearing).collect::<Result<_>>()?;
         Self::with_models(config, identities, models)
     }
-}
 
-impl FastSlam<RangeOrBearing> {
     /// A filter for several sensors (`Config::sensors`), some of which measure ranges or bearings alone.
     ///
     /// Only a sensor of both founds landmarks; what the others sight is one of these, or left out and counted
@@ -114,38 +111,27 @@ impl FastSlam<RangeOrBearing> {
         let models = config.each_sensor().into_iter().map(RangeOrBearing::of).collect::<Result<_>>()?;
         Self::with_models(config, identities, models)
     }
-}
 
-impl<M: Placing> Clone for FastSlam<M> {
-    /// An independent filter in the same state, which goes on to the same bits. Waits for a draw under way.
-    fn clone(&self) -> Self {
-        let (mut engine, (gains, kept)) = (self.engine.clone(), self.beside.kept());
-        let beside = Beside::restored(&mut engine, gains, kept);
-        Self { engine, beside }
-    }
-}
-
-impl<M: Placing> FastSlam<M> {
     /// A filter for any measurement model, which brings its own noise; of `Config::sensor` the limits, the tail and
     /// the mounting count.
-    pub fn with_model(config: Config, identities: Identities, model: M) -> Result<Self> {
+    pub fn with_model<M: Placing>(config: Config, identities: Identities, model: M) -> Result<Self> {
         Self::with_models(config, identities, vec![model])
     }
 
     /// The same with a model for each sensor.
-    fn with_models(config: Config, identities: Identities, models: Vec<M>) -> Result<Self> {
+    fn with_models<M: Placing>(config: Config, identities: Identities, models: Vec<M>) -> Result<Self> {
         let setups = Setups::new(config, identities, models)?;
         let Setup { settings: Settings { config, identities, .. }, workers, .. } = setups.first();
         let mut landmarks = Landmarks::new(config, *identities, setups.cell_m(), setups.gate_radius());
         landmarks.set_workers(workers);
         let mut state = State::new(config, landmarks);
         state.diagnosis.eyes = fresh_eyes(&setups);
-        Ok(Self { engine: Engine::new(&Arc::new(setups), state), beside: Beside::default() })
+        Ok(Self { machine: Box::new(Running::new(setups, state)) })
     }
 
     /// The configuration in force.
     pub fn config(&self) -> &Config {
-        &self.engine.setups.config
+        self.machine.config()
     }
 
     /// Starts in a given map, at a given pose: before anything else.
@@ -155,7 +141,7 @@ impl<M: Placing> FastSlam<M> {
     /// **Errors:** [`Error::Parameter`](crate::error::Error::Parameter) for a landmark or a start that makes no sense,
     /// [`Error::Input`](crate::error::Error::Input) when the filter has begun.
     pub fn begin(&mut self, beginning: &Beginning) -> Result<()> {
-        beginning::begin(self.engine.setups.first(), &mut self.engine.state, beginning)
+        self.machine.begin(beginning)
     }
 
     /// Moves the robot by one control (columns of the motion model) that acts for `dt_s`: a whole row.
@@ -170,9 +156,7 @@ impl<M: Placing> FastSlam<M> {
     /// **Errors:** [`Error::Input`](crate::error::Error::Input) for a control that no robot could follow; the filter is
     /// then as it was.
     pub fn advance(&mut self, part: &RowPart) -> Result<()> {
-        self.engine.advance(part)?;
-        self.beside.moved(part);
-        Ok(())
+        self.machine.advance(part)
     }
 
     /// Processes all sightings of one stamp (there may be none) of the only sensor, or the first one.
@@ -190,11 +174,7 @@ impl<M: Placing> FastSlam<M> {
     /// is then as it was before the scan, and can go on. Only after numbers that are none from a measurement model of
     /// one's own all particles count the same, and landmarks at no place that can be computed with are gone.
     pub fn take(&mut self, scan: Scan<'_>) -> Result<StepInfo> {
-        let Self { engine, beside } = self;
-        beside.take_over_when_due(engine);
-        let mut info = engine.update(scan, Progress::New)?;
-        beside.scanned(engine, scan, &mut info);
-        Ok(info)
+        self.machine.take(scan)
     }
 
     /// Draws all particles anew from the posterior over paths and maps, given the best particle's associations.
@@ -203,25 +183,19 @@ impl<M: Placing> FastSlam<M> {
     /// (`filter.rejuvenation`), when nothing happened since the last time, or when no finite solution was
     /// found. A draw under way is taken over first.
     pub fn rejuvenate(&mut self) -> bool {
-        let Self { engine, beside } = self;
-        let has_changed = beside.take_over(engine);
-        let has_drawn = rejuvenation::rejuvenate(engine.setups.first(), &mut engine.state, &mut engine.work);
-        if has_drawn {
-            imagine::report_errors(&mut engine.state);
-        }
-        has_drawn || has_changed
+        self.machine.rejuvenate()
     }
 
     /// How often a step has waited for a draw that is done beside the filter. It depends on the machine, and changes no
     /// result.
     pub fn waits(&self) -> u64 {
-        self.beside.waits()
+        self.machine.waits()
     }
 
     /// The state as bytes, from which [`FastSlam::restore`] goes on to the same bits; `note` is kept in its head. Waits for
     /// a draw under way.
     pub fn save(&self, note: &str) -> Result<Vec<u8>> {
-        snapshot::save(&self.engine, self.beside.kept(), note)
+        self.machine.save(note)
     }
 
     /// Takes over a state that was saved by a filter of this configuration and measurement model.
@@ -229,90 +203,94 @@ impl<M: Placing> FastSlam<M> {
     /// **Errors:** [`Error::Input`](crate::error::Error::Input) when the bytes are no snapshot, of another format,
     /// damaged, or of another configuration; the filter is then as it was.
     pub fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
-        (self.engine, self.beside) = snapshot::restored(&self.engine.setups, snapshot)?;
-        Ok(())
+        self.machine.restore(snapshot)
     }
 
     /// What the innovations of the whole run say of the configured noise.
     pub fn noise_report(&self) -> NoiseReport {
-        self.engine.state.diagnosis.watch.noise.of_run()
+        self.machine.state().diagnosis.watch.noise.of_run()
     }
 
     /// Names that were seen at two places.
     pub fn two_places(&self) -> Vec<TwoPlaces> {
-        self.engine.state.diagnosis.watch.names.two_places()
+        self.machine.state().diagnosis.watch.names.two_places()
     }
 
     /// What came of the returns to the landmarks of the best particle's map that are no clutter.
     pub fn returns(&self) -> Returns {
-        examine::returns(&self.engine.state)
+        examine::returns(&self.machine.state())
     }
 
     /// What the best particle took the usable sightings of the last scan for.
     pub fn seen(&self) -> &[Seen] {
-        &self.engine.work.seen
+        &self.machine.work().seen
     }
 
     /// Mean and covariance of the pose, motion since the last sampling included.
     pub fn pose(&self) -> PoseEstimate {
-        self.engine.state.estimate
+        self.machine.state().estimate
     }
 
     /// The pose now, with the motion since the last update.
     pub fn predicted_pose(&mut self) -> PoseEstimate {
-        propose::propose(self.engine.setups.first(), &self.engine.state, &mut self.engine.work.beliefs);
-        estimate::estimate_beliefs(&mut self.engine.state, &self.engine.work.beliefs);
-        imagine::report_errors(&mut self.engine.state);
-        self.engine.state.estimate
+        self.machine.predict();
+        self.pose()
     }
 
     /// The particles. In FastSLAM 2.0 their poses are those at the last sighting.
     pub fn particles(&self) -> &Particles {
-        &self.engine.state.particles
+        &self.machine.state().particles
     }
 
     /// Normalised weights of the particles.
     pub fn weights(&self) -> &[f64] {
-        &self.engine.state.weights.values
+        &self.machine.state().weights.values
     }
 
     /// Motion since the poses were last sampled (zero in FastSLAM 1.0).
     pub fn pending_motion(&self) -> MotionGaussian {
-        self.engine.state.motions.pending
+        self.machine.state().motions.pending
     }
 
     /// Where the path begins.
     pub fn start(&self) -> Pose {
-        self.engine.state.start(self.config())
+        self.machine.state().start(self.config())
     }
 
     /// The paths of the particles.
     pub fn path(&self) -> &PathForest {
-        &self.engine.state.path
+        &self.machine.state().path
     }
 
     /// The smoothed path of the particle that explains the log best: stamps and `T_world_robot`.
     pub fn best_path(&self) -> Vec<(f64, Pose)> {
-        self.engine.state.path.path(self.engine.state.particles.best())
+        self.machine.state().path.path(self.machine.state().particles.best())
     }
 
     /// The given landmarks, by birth.
     pub fn given(&self) -> &[GivenLandmark] {
-        &self.engine.state.given.landmarks
+        &self.machine.state().given.landmarks
     }
 
     /// The map: the landmarks that the best particle holds, each as the mixture over all particles that hold it.
     pub fn map(&mut self) -> MapEstimate {
-        estimate::estimate_map(&self.engine.setups.first().settings, &mut self.engine.state)
+        self.machine.map()
     }
 
     /// The landmarks of one particle's own map: slot birth, mean and covariance.
     pub fn map_of(&self, particle: usize) -> Vec<(u64, [f64; 2], Symmetric2)> {
-        estimate::map_of(&self.engine.state.landmarks, particle)
+        estimate::map_of(&self.machine.state().landmarks, particle)
     }
 
     /// What the maps occupy.
     pub fn store_usage(&self) -> StoreUsage {
-        self.engine.state.landmarks.usage()
+        self.machine.state().landmarks.usage()
+    }
+}
+
+impl Clone for FastSlam {
+    /// An independent filter in the same state, which goes on to the same bits. Waits for a draw under way.
+    fn clone(&self) -> Self {
+        Self { machine: self.machine.copy() }
     }
 }
