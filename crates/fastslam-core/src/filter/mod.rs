@@ -218,7 +218,7 @@ impl FastSlam {
 
     /// What came of the returns to the landmarks of the best particle's map that are no clutter.
     pub fn returns(&self) -> Returns {
-        examine::returns(&self.machine.state())
+        examine::returns(self.machine.state())
     }
 
     /// What the best particle took the usable sightings of the last scan for.
