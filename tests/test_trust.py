@@ -39,6 +39,19 @@ def test_nothing_speaks_against_a_sound_run(preset: str) -> None:
     assert against(doubts(result, log)) == ()
 
 
+@pytest.mark.parametrize("seed", [3, 7, 5024])
+def test_what_a_thin_log_could_not_confirm_does_not_speak_against_the_rest(seed: int) -> None:
+    """Half of the landmarks stay provisional: what was sighted of these lies on none of the map."""
+    scan = {"identities": "none", "period_s": 1.0, "clutter_per_scan": 0.5}
+    sensor = {"max_range_m": 6.0, "field_of_view_rad": np.deg2rad(162.0), "tail_degrees_of_freedom": 4.0}
+    log = drive(seed=seed, scan=scan, sensor=sensor)
+    result = fastslam.run(log, auto=False)
+    confirmed = result.landmarks.confirmed
+    assert confirmed is not None and (~confirmed).sum() > confirmed.sum() > 3
+    assert evaluate(result, log)["landmark_precision"] == 1.0
+    assert not result.verdict and ratios(result, log)["unexplained"] < 1.0
+
+
 @pytest.mark.slow(but="known")
 @pytest.mark.parametrize("mode", ["known", "unknown"])
 def test_a_world_that_changed_half_way_is_told(mode: str) -> None:

@@ -152,8 +152,11 @@ def _of_kept_map(result: RunResult) -> Iterator[Doubt]:
 def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
     stand = standing(laid, named=_is_named(result, log))
     yield Doubt(LANDMARKS, stand.odd / max(FEW_ODD, MOST_WRONG * stand.landmarks), _landmarks(stand))
-    steps = result.steps
-    used = 1.0 - float((steps.ignored + steps.new_landmarks).sum()) / max(int(steps.sightings.sum()), 1)
+    steps, landmarks = result.steps, result.landmarks
+    # What was taken for one that is provisional, and does not stand in the map, is not meant to lie on it.
+    of_provisional = int((landmarks.sightings[~believed(result)] - 1).sum())
+    unused = int((steps.ignored + steps.new_landmarks).sum()) + of_provisional
+    used = 1.0 - unused / max(int(steps.sightings.sum()), 1)
     lacking = used - float(laid.explained.mean())
     sentence = (
         f"{lacking:.0%} of the sightings were taken for landmarks of the map and, along the path that came "
