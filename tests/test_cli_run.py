@@ -223,14 +223,16 @@ CHECKPOINTS = ("--checkpoint-every", "600")
 def test_a_stopped_run_keeps_what_was_computed_and_exits_130(
     number: int, options: tuple[str, ...], tmp_path: Path
 ) -> None:
-    log = write_small_log(tmp_path / "log", steps=6000)
+    # Of a short log the noise is learned in a part of a second; before that there is nothing to keep.
+    steps, wait_s = (6000, 1.0) if options else (300, 3.0)
+    log = write_small_log(tmp_path / "log", steps=steps)
     out = tmp_path / "out"
     given = ("--particles", "50000", "--no-report", *options)
     with process("run", log, "--out", out, *given, cwd=tmp_path) as run:
         deadline = time.monotonic() + 60.0
         while not out.exists() and time.monotonic() < deadline:
             time.sleep(0.05)
-        time.sleep(1.0)
+        time.sleep(wait_s)
         run.send_signal(number)
         stdout, stderr = run.communicate(timeout=60)
     assert run.returncode == 130, (stdout, stderr)
@@ -238,7 +240,7 @@ def test_a_stopped_run_keeps_what_was_computed_and_exits_130(
     assert "interrupted" in stderr
     result = read_result(out)
     assert result.interrupted
-    assert 0 < len(result.steps.stamp_s) < 600
+    assert 0 < len(result.steps.stamp_s) < 0.9 * steps
     assert result.trajectory.stamp_s[-1] == pytest.approx(result.steps.stamp_s[-1])
     assert json.loads((out / "metrics.json").read_text())["steps"] == len(result.steps.stamp_s)
     assert (out / "checkpoint.fastslam").exists() == bool(options)

@@ -83,6 +83,7 @@ def real_logs(data: Path) -> Iterator[tuple[str, Log]]:
         yield name, load(data / name)
 
 
+@pytest.mark.slow
 def test_real_logs_are_sound(data_dir: Path) -> None:
     seen = 0
     for name, log in real_logs(data_dir):

@@ -306,6 +306,7 @@ def test_numbers_can_be_written_without_pictures(tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "map.png").exists() and metrics["landmarks.count"] == 8
 
 
+@pytest.mark.slow
 def test_starry_night_is_as_good_as_a_batch_solution(data_dir: Path) -> None:
     log = load(data_dir / "starry_night")
     assert (len(log.value), len(log.names), log.problems[0].count) == (9410, 20, 212)

@@ -52,7 +52,6 @@ def test_more_than_a_hundredth_dropped_is_a_line() -> None:
     assert result.verdict[0].endswith("and were left out")
 
 
-@pytest.mark.slow(but="3")
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_field_that_was_mapped_twice_is_said_and_one_mapped_once_is_not(seed: int) -> None:
     """Three laps with a sensor of 120 degrees: the plain filter maps all twice, the default once."""
@@ -62,7 +61,8 @@ def test_a_field_that_was_mapped_twice_is_said_and_one_mapped_once_is_not(seed: 
     )
     for every_steps, twice in ((0, True), (None, False)):
         settings = {"seed": seed, "association": {"mode": "unknown"}}
-        result = fastslam.run(log, settings | {"filter": {"rejuvenation": {"every_steps": every_steps}}})
+        settings |= {"filter": {"rejuvenation": {"every_steps": every_steps}}}
+        result = fastslam.run(log, settings, auto=False)
         found = evaluate(result, log)
         assert (found["landmarks"] > 1.5 * found["landmark_matched"]) == twice
         said = [line for line in result.verdict if "to which the robot came back" in line]

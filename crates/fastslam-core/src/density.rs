@@ -165,16 +165,18 @@ pub fn chi_squared(degrees_of_freedom: usize, probability: f64) -> f64 {
     if degrees_of_freedom > 1 || probability >= 1.0 {
         return chi_squared_2(probability);
     }
-    let (mut low, mut high) = (0.0, 8.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if within(middle) < probability {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
+    let [low, _] = bisected(8.0, 60, |x| within(x) < probability);
     low * low
+}
+
+/// Bounds of where what holds at zero ends to hold, below `high`, after so many halvings.
+fn bisected(mut high: f64, halvings: u32, holds: impl Fn(f64) -> bool) -> [f64; 2] {
+    let mut low = 0.0;
+    for _ in 0..halvings {
+        let middle = 0.5 * (low + high);
+        *(if holds(middle) { &mut low } else { &mut high }) = middle;
+    }
+    [low, high]
 }
 
 /// The probability that a standard normal number is not farther than this from zero.
@@ -206,16 +208,7 @@ pub fn chi_squared_of(n: usize, probability: f64) -> f64 {
         }
         sum
     };
-    let (mut low, mut high) = (0.0, 256.0);
-    for _ in 0..80 {
-        let middle = 0.5 * (low + high);
-        if beyond(middle) > 1.0 - probability {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    low
+    bisected(256.0, 80, |x| beyond(x) > 1.0 - probability)[0]
 }
 
 /// What χ² with 2 n degrees of freedom stays below with this probability.
@@ -233,15 +226,7 @@ pub fn chi_squared_of_pairs(n: usize, probability: f64) -> f64 {
         }
         math::exp(-half) * sum
     };
-    let (mut low, mut high) = (0.0, 700.0);
-    for _ in 0..80 {
-        let middle = 0.5 * (low + high);
-        if beyond(middle) > 1.0 - probability {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
+    let [low, high] = bisected(700.0, 80, |half| beyond(half) > 1.0 - probability);
     low + high
 }
 
