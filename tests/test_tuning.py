@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cli_runner import fastslam
+from fastslam._between import Between
 from fastslam._bordered import BLOCKS
 from fastslam.cli.tune import facts_of, sentences_of, show_tuning
 from fastslam.config import Config, load_config, merge
 from fastslam.datasets import write_native
+from fastslam.dead_reckoning import DeadReckoning, arc_twists, turning_points
 from fastslam.errors import DataError
 from fastslam.examination.hypotheses import Hypothesis
 from fastslam.examination.stretches import Bench
-from fastslam.log import Log
+from fastslam.log import Controls, Log
 from fastslam.runner import configure, run
 from fastslam.simulation import resolve_simulation, simulate
-from fastslam.tuning import Tuning, begin, tune
+from fastslam.tuning import Attempt, Tuning, begin, tune
+from fastslam.tuning import learn as learning
 from fastslam.tuning.begin import nats_of
 from fastslam.tuning.ending import Growth
 from fastslam.tuning.judge import SOUND, Judgement, evidence, judged, log_new_density
@@ -28,6 +31,7 @@ from fastslam.tuning.learn import (
     LASER_SCALE_STD,
     SCALE,
     SENSOR_KNOWN,
+    WIDER,
     Learned,
     Value,
     _repeats,
@@ -36,10 +40,10 @@ from fastslam.tuning.learn import (
     wide_noise,
 )
 from fastslam.tuning.motion import DISTANCE as DISTANCE_GAIN
-from fastslam.tuning.motion import motion_parameters, nested
+from fastslam.tuning.motion import links, motion_parameters, nested, noise_parts
 from fastslam.tuning.noise import _log_likelihood
-from fastslam.tuning.problem import DRAWS, linearised, moved_by
-from fastslam.tuning.session import _Session
+from fastslam.tuning.problem import DRAWS, Noise, Problem, Rows, linearised, moved_by
+from fastslam.tuning.session import _better, _is_clearer, _Session, _widen, _widen_at_once
 
 BIAS = "sensor.range_bias_m"
 TURN, DISTANCE, DELAY_S = 0.65, 1.06, 0.3
@@ -184,6 +188,96 @@ def test_a_run_whose_map_grows_without_end_is_ended_and_not_kept(
     assert "when it was ended" in " ".join(capsys.readouterr().out.split())
 
 
+def tried(name: str, judgement: Judgement, nats: float = 0.0) -> Attempt:
+    return Attempt(name, {}, None, None, nats, judgement)  # type: ignore[arg-type]
+
+
+@dataclass
+class Widths:
+    """A session whose runs under wide noise come out as told, by their width."""
+
+    made: dict[float, Judgement]
+    attempts: list[Attempt] = field(default_factory=list)
+
+    def attempt_wide(self, learned: Learned, wider: float) -> Attempt:
+        self.attempts.append(tried(f"{wider:g}", self.made[wider]))
+        return self.attempts[-1]
+
+
+SOUND_MAP = Judgement(None, None, 15, 0.99)
+DOUBTED = Judgement(None, "there twice", 30, 0.99)
+
+
+@pytest.mark.parametrize(
+    ("narrow", "middle", "wide", "order", "kept"),
+    [
+        # Where errors last for minutes a wider noise is tried before a narrower one, and ends it if it helps.
+        (DOUBTED, DOUBTED, SOUND_MAP, ["2", "3"], "3"),
+        (DOUBTED, replace(DOUBTED, landmarks=20), DOUBTED, ["2", "3", "1"], "2"),
+        (SOUND_MAP, DOUBTED, DOUBTED, ["2", "3", "1"], "1"),
+        (DOUBTED, SOUND_MAP, SOUND_MAP, ["2", "1", "3"], "2"),
+        (replace(SOUND_MAP, landmarks=12), SOUND_MAP, SOUND_MAP, ["2", "1"], "1"),
+    ],
+)
+def test_the_middle_of_the_wide_noises_says_where_to_go_on(
+    narrow: Judgement, middle: Judgement, wide: Judgement, order: list[str], kept: str
+) -> None:
+    session = Widths(dict(zip(WIDER, (narrow, middle, wide), strict=True)))
+    learned = Learned((), {}, 900, 30, 2.0, Noise(np.ones(4), np.ones(2)))
+    _widen_at_once(session, learned)  # type: ignore[arg-type]
+    assert [one.name for one in session.attempts] == order
+    assert _better(session.attempts).name == kept
+
+
+def test_where_errors_do_not_repeat_the_narrowest_of_the_wide_noises_is_tried_first() -> None:
+    session = Widths({1.0: SOUND_MAP, 2.0: replace(SOUND_MAP, landmarks=17), 3.0: DOUBTED})
+    _widen(session, Learned((), {}, 900, 30, 1.0, Noise(np.ones(4), np.ones(2))))  # type: ignore[arg-type]
+    assert [one.name for one in session.attempts] == ["1", "2"]
+    assert _better(session.attempts).name == "1"
+
+
+def test_a_map_teaches_again_where_it_became_sounder_or_simpler_and_not_just_likelier() -> None:
+    sound, doubted = tried("sound", SOUND_MAP), tried("doubted", DOUBTED)
+    assert _is_clearer(sound, doubted) and not _is_clearer(doubted, sound)
+    assert not _is_clearer(replace(sound, evidence=1000.0), sound)
+    assert _is_clearer(replace(sound, judgement=replace(SOUND_MAP, landmarks=12)), sound)
+
+
+def test_learning_takes_few_steps(broken: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    solved: list[Problem] = []
+
+    def counted(problem: Problem, noise: Noise) -> Rows:
+        solved.append(problem)
+        return linearised(problem, noise)
+
+    monkeypatch.setattr(learning, "linearised", counted)
+    session = _Session(broken, configure(broken, UNKNOWN), UNKNOWN, None)
+    session.learned_from_tracks(session.begun())
+    # Three times until it settles, ITERATIONS at most each, and what is judged.
+    assert 6 < len(solved) < 2 * learning.ITERATIONS
+
+
+def test_rows_that_repeat_the_one_before_are_the_same_motion(sound: Log) -> None:
+    values = np.repeat(sound.controls.values, 4, axis=0)
+    stamp_s = np.linspace(0.0, sound.controls.stamp_s[-1], len(values))
+    often = Controls(stamp_s, values)
+    config = configure(sound, UNKNOWN)
+    fewer = turning_points(often, config["motion"])
+    assert len(fewer.stamp_s) < 0.3 * len(stamp_s) and fewer.stamp_s[-1] == stamp_s[-1]
+    at_s = np.linspace(0.3, stamp_s[-1] - 0.3, 50)
+    found = links(often, config, at_s)
+    exact = Between(often, at_s - config["sensor"]["delay_s"]).motion(arc_twists(often, config["motion"]))
+    assert np.allclose(found.motion, exact, atol=1e-10)
+    poses = [DeadReckoning(rows, config["motion"]).poses_at(at_s) for rows in (often, fewer)]
+    assert np.allclose(*poses, atol=1e-9)
+    # What each row adds to the noise stays that of the rows as they are.
+    parts = noise_parts(often, config["motion"])
+    density = np.column_stack([part.density for part in parts])
+    assert np.array_equal(found.share, Between(often, at_s).gathered(density))
+    increments = {**config["motion"], "model": "increments"}
+    assert turning_points(often, increments) is often, "the same step twice is twice as far"
+
+
 def test_a_run_is_ended_only_far_beyond_the_best_one(sound: Log) -> None:
     best = run(sound, UNKNOWN)
     landmarks = int(best.steps.landmarks.max())
@@ -274,7 +368,7 @@ def test_under_a_wide_noise_what_it_covers_is_as_stated() -> None:
     turn = "motion.correction.turn_gain"
     values = tuple(Value(key, "", 1.0, 1.2, 0.01) for key in (turn, "sensor.delay_s", BIAS, DISTANCE_GAIN))
     settings = merge(*(nested(value.key, 1.2) for value in values), {"sensor": {"range_std_m": 0.3}})
-    learned = Learned(values, settings, 900, 30, 2.0)
+    learned = Learned(values, settings, 900, 30, 2.0, Noise(np.ones(4), np.ones(2)))
     left = of_turns_and_delay(learned)
     assert left.values == values[:2]
     assert left.settings == {

@@ -14,7 +14,10 @@ class Between:
     """
 
     def __init__(self, controls: Controls, stamp_s: Floats) -> None:
-        edges = np.unique(np.concatenate([stamp_s, controls.stamp_s]))
+        edges = np.concatenate([stamp_s, controls.stamp_s])
+        # Two runs in order: a stable sort merges them, where np.unique sorts anew.
+        edges.sort(kind="stable")
+        edges = edges[np.diff(edges, prepend=-np.inf) > 0.0]
         edges = edges[(edges >= stamp_s[0]) & (edges <= stamp_s[-1])]
         rows = len(controls.stamp_s)
         self._dt_s = np.diff(edges)

@@ -144,6 +144,18 @@ def _with_gains(controls: Controls, speed: float, turn: float) -> Controls:
     return replace(controls, values=controls.values * np.array(gains))
 
 
+def turning_points(controls: Controls, motion: Partial) -> Controls:
+    """The rows at which a speed or turn that is held changes, first and last: the same motion by fewer.
+
+    Rows that tell of poses, or carry a covariance, are all kept.
+    """
+    if motion["model"] not in ("velocity", "ackermann") or controls.covariance is not None:
+        return controls
+    kept = np.ones(len(controls.stamp_s), dtype=np.bool_)
+    kept[1:-1] = (np.diff(controls.values, axis=0) != 0.0).any(axis=1)[:-1]
+    return replace(controls, stamp_s=controls.stamp_s[kept], values=controls.values[kept])
+
+
 def arc_twists(controls: Controls, motion: Partial) -> Floats:
     """Velocities of the robot from each control until the next, whose arcs end where the rows say.
 

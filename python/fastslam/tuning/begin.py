@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ..dead_reckoning import DeadReckoning
+from ..dead_reckoning import DeadReckoning, turning_points
 from ..examination.hypotheses import AS_IS, Hypothesis
-from ..examination.stretches import Bench, only_used, stretches
+from ..examination.stretches import Bench, every, only_used, stretches
 from ..log import Floats, Log
 
 TURN_GAINS = (0.5, 0.57, 0.65, 0.75, 0.87, 1.0, 1.15, 1.33, 1.5, 1.75, 2.0)
@@ -25,6 +25,8 @@ LEAST_GAIN = 10.0
 """So many nats a hypothesis must gain to be begun with."""
 LEAST_QUESTIONS = 60
 CUT_SQUARED = 12.0
+MOST_CANDIDATES = 40_000
+"""So many candidates, or fewer, are held against what is asked."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +52,10 @@ def beginning(log: Log, config: Mapping[str, Any], wide: Floats) -> Beginning:
     if len(asked.asked) < LEAST_QUESTIONS:
         return Beginning(AS_IS, ())
     sensor = {**config["sensor"], "range_std_m": float(wide[0]), "bearing_std_rad": float(wide[1])}
+    asked = every(asked, 1 + len(asked.first) // MOST_CANDIDATES)
     used, asked = only_used(log.sightings, asked)
-    bench = Bench(used, sensor, DeadReckoning(log.controls, config["motion"]), asked)
+    controls = turning_points(log.controls, config["motion"])
+    bench = Bench(used, sensor, DeadReckoning(controls, config["motion"]), asked)
     best, nats = AS_IS, {AS_IS: nats_of(bench, AS_IS)}
     for _ in range(SWEEPS):
         for name, values in (("turn_gain", TURN_GAINS), ("delay_s", DELAYS_S), ("speed_gain", SPEED_GAINS)):

@@ -11,7 +11,7 @@ import numpy as np
 from .._bordered import Batch, scattered
 from ..config import merge
 from ..datasets.clean import select_sightings
-from ..dead_reckoning import DeadReckoning
+from ..dead_reckoning import DeadReckoning, turning_points
 from ..errors import DataError
 from ..log import Floats, Ints, Log, Sightings
 from .motion import (
@@ -26,7 +26,7 @@ from .motion import (
     noise_parts,
     value_of,
 )
-from .noise import correlation_of, fitted_tail, learned_noise
+from .noise import change_of, correlation_of, fitted_tail, learned_noise
 from .problem import Noise, Problem, Rows, cost_of, linearised, moved_by
 
 SCALE = "sensor.range_scale"
@@ -57,11 +57,15 @@ NOISES = ("range_std_m", "bearing_std_rad")
 HALVINGS = 6
 """So often a step is made shorter that explains less."""
 COSTS_NOTHING = 0.1
+NEAR = 0.1
+"""A step that takes away more than this share of the cost began far from the solution."""
 SETTLED = 0.02
-LINEAR = 0.01
-"""Steps within this share of a prior's deviation leave the motion as linear as it was."""
+COARSE = 0.2
+"""The tail is fitted from where a step of the noise changes less of its variance than this."""
 STRAIGHT = 0.1
-"""And within this one its derivatives as they are."""
+"""Steps within this share of a prior's deviation leave the motion as linear as it was,"""
+LINEAR = 0.01
+"""and within this one so near to it that nothing more is gained by integrating it anew."""
 LEAST_GAIN = 0.25
 WITHIN_A_ROW = 0.3
 """A delay is told to this share of a row of odometry at best: a shift by half a row averages the noise of two
@@ -113,6 +117,8 @@ class Learned:
     tracks: int
     correlation: float
     """So many sightings tell as much as one whose errors did not repeat."""
+    noise: Noise
+    """What the residuals say, whatever the settings make of it."""
 
 
 @dataclass(frozen=True)
@@ -181,22 +187,22 @@ def learn(
     places: tuple[Floats, Floats],
     *,
     stated: Mapping[str, Any],
+    noise: Noise | None = None,
+    until: float = SETTLED,
 ) -> Learned:
     """Learns from a stretch, beginning at complete settings `config`; `stated` are those that the user knows.
 
-    `places` are the poses (K, 3) and the things seen (L, 2) to begin with.
+    `places` are the poses (K, 3) and the things seen (L, 2) to begin with, `noise` one that is known already.
+    The noise is found to a share of `until`, which may be COARSE where it is not used.
     """
     parts = noise_parts(log.controls, config["motion"])
-    known = (*motion_parameters(config["motion"]), *SENSOR_KNOWN)
-    before = np.array([value_of(stated, one.key) for one in known])
-    problem = problem_of(log, config, stretch, places)
-    problem = replace(problem, prior=problem.prior + before - [value_of(config, one.key) for one in known])
-    now, problem, noise = _settled(log, config, stretch, problem)
+    known, before, problem = _begun(log, config, stretch, places, stated)
+    now, problem, noise = _settled(log, config, stretch, problem, noise, until=COARSE)
     values, _ = _judged(log, known, before, (problem, noise))
     # What is kept as stated must be so when the noise is learned, or it would be that of another robot.
     held = np.array([value.key for value in values if not value.significant])
     problem = _holding(problem, np.isin([one.key for one in known], held))
-    _, problem, noise = _settled(log, now, stretch, problem, noise)
+    _, problem, noise = _settled(log, now, stretch, problem, noise, until=until)
     found, rows = _judged(log, known, before, (problem, noise))
     again = {value.key: value for value in found}
     values = blamed(
@@ -206,6 +212,47 @@ def learn(
         scale_std=SCALE_STD if log.scans is None else LASER_SCALE_STD,
     )
     return _learned(stated, parts, noise, values, (stretch, rows))
+
+
+@dataclass(frozen=True)
+class Rough:
+    """Noise and correlation of a stretch, found in a few steps: see `learn`."""
+
+    noise: Noise
+    correlation: float
+
+
+def errors_of(
+    log: Log,
+    config: Mapping[str, Any],
+    stretch: Stretch,
+    places: tuple[Floats, Floats],
+    *,
+    stated: Mapping[str, Any],
+) -> tuple[dict[str, Any], Rough]:
+    """The settings with the systematic errors that a stretch tells, and its noise, all of it roughly."""
+    known, before, problem = _begun(log, config, stretch, places, stated)
+    _, problem, noise = _settled(log, config, stretch, problem, until=COARSE)
+    found = zip(known, before - problem.prior + problem.parameters, problem.prior_std, strict=True)
+    told = [nested(one.key, float(value)) for one, value, prior_std in found if prior_std > 0]
+    rows = linearised(problem, noise)
+    correlation = correlation_of(rows, stretch.track, stretch.sightings.stamp_s)
+    return merge(config, *told), Rough(noise, correlation)
+
+
+def _begun(
+    log: Log,
+    config: Mapping[str, Any],
+    stretch: Stretch,
+    places: tuple[Floats, Floats],
+    stated: Mapping[str, Any],
+) -> tuple[tuple[Known, ...], Floats, Problem]:
+    """What may be off, its values as stated, to which the problem is drawn, and the problem to begin with."""
+    known = (*motion_parameters(config["motion"]), *SENSOR_KNOWN)
+    before = np.array([value_of(stated, one.key) for one in known])
+    problem = problem_of(log, config, stretch, places)
+    prior = problem.prior + before - [value_of(config, one.key) for one in known]
+    return known, before, replace(problem, prior=prior)
 
 
 def blamed(
@@ -270,40 +317,55 @@ def _holding(problem: Problem, held: Any) -> Problem:
 
 
 def _settled(
-    log: Log, config: Mapping[str, Any], stretch: Stretch, problem: Problem, noise: Noise | None = None
+    log: Log,
+    config: Mapping[str, Any],
+    stretch: Stretch,
+    problem: Problem,
+    noise: Noise | None = None,
+    *,
+    until: float = SETTLED,
 ) -> tuple[Mapping[str, Any], Problem, Noise]:
-    """Gauss-Newton steps and steps of the noise in turn, until neither moves or ITERATIONS are over."""
+    """Gauss-Newton steps and steps of the noise in turn, until neither moves or ITERATIONS are over.
+
+    The noise moves no more where it changes by less than `until`. The tail is fitted once the noise hardly
+    moves, or from the first step on where a `noise` is known.
+    """
     parts = noise_parts(log.controls, config["motion"])
     start = start_noise(parts, problem.links, wide_noise(log, config))
-    noise = noise or start
+    noise, fitting = noise or start, noise is not None
     for iteration in range(ITERATIONS):
         rows = linearised(problem, noise)
-        problem, shorter = _stepped(problem, noise, rows)
+        problem, near = _stepped(problem, noise, rows)
         followed = rows.solver.followed(np.random.default_rng(0))
-        # Far from the solution residuals say nothing of noise.
-        newer = learned_noise(problem, rows, followed, noise, start) if shorter > 0.5 else noise
         problem = replace(problem, repeats=_repeats(problem, rows, followed))
-        change = np.abs(np.log(np.concatenate([newer.seen / noise.seen, newer.squares / noise.squares])))
-        noise = replace(newer, tail=fitted_tail(rows, followed)) if iteration >= TAIL_FROM else newer
-        std = problem.prior_std[: len(problem.motion)]
-        if np.any(np.abs(problem.motion) > LINEAR * std):
-            far = np.any(np.abs(problem.motion) > STRAIGHT * std)
-            config, problem = _relinked(log, config, problem, stretch, anew=bool(far))
-        if iteration > TAIL_FROM + 2 and shorter == 1.0 and float(change.max()) < SETTLED:
+        newer = learned_noise(problem, rows, followed, noise, start) if near else noise
+        newer = replace(newer, tail=fitted_tail(rows, followed)) if near and fitting else newer
+        change = change_of(problem, rows, noise, newer)
+        is_settled = near and fitting and change < until and newer.tail == noise.tail
+        fitting = fitting or (near and change < COARSE) or iteration >= TAIL_FROM
+        noise, std = newer, problem.prior_std[: len(problem.motion)]
+        linear = LINEAR if is_settled and until == SETTLED else STRAIGHT
+        if np.any(np.abs(problem.motion) > linear * std):
+            config, problem = _relinked(log, config, problem, stretch)
+        elif is_settled:
             break
-    return *_relinked(log, config, problem, stretch, anew=True), noise
+    return *_relinked(log, config, problem, stretch), noise
 
 
-def _stepped(problem: Problem, noise: Noise, rows: Rows) -> tuple[Problem, float]:
-    """The problem a step further, and the share of the step that it took: all of it, if that is no worse."""
+def _stepped(problem: Problem, noise: Noise, rows: Rows) -> tuple[Problem, bool]:
+    """The problem a step further, and whether it was near its solution before.
+
+    All of a step is taken if it explains no less, or a half, and so on. Far from the solution residuals say
+    nothing of noise.
+    """
     unknowns, parameters = rows.solver.step()
-    before, shorter = rows.cost, 1.0
+    shorter = 1.0
     for _ in range(HALVINGS):
         moved = moved_by(problem, shorter * unknowns, shorter * parameters)
-        if cost_of(moved, noise) <= before + COSTS_NOTHING:
-            return moved, shorter
+        if (cost := cost_of(moved, noise)) <= rows.cost + COSTS_NOTHING:
+            return moved, shorter == 1.0 and cost > (1.0 - NEAR) * rows.cost
         shorter *= 0.5
-    return moved_by(problem, shorter * unknowns, shorter * parameters), shorter
+    return moved_by(problem, shorter * unknowns, shorter * parameters), False
 
 
 def problem_of(
@@ -336,17 +398,16 @@ def problem_of(
 
 
 def _relinked(
-    log: Log, config: Mapping[str, Any], problem: Problem, stretch: Stretch, *, anew: bool
+    log: Log, config: Mapping[str, Any], problem: Problem, stretch: Stretch
 ) -> tuple[Mapping[str, Any], Problem]:
-    """The odometry integrated anew under the motion parameters found so far, its derivatives too or not."""
+    """The odometry integrated anew under the motion parameters found so far, with its derivatives."""
     known = motion_parameters(config["motion"])
     moved = [
         nested(one.key, value_of(config, one.key) + float(change))
         for one, change in zip(known, problem.motion, strict=True)
     ]
     config = merge(config, *moved)
-    by_parameter = None if anew else problem.links.by_parameter
-    tied = links(log.controls, config, stretch.stamp_s, by_parameter)
+    tied = links(log.controls, config, stretch.stamp_s)
     prior = problem.prior.copy()
     prior[: len(known)] -= problem.motion
     batch = replace(problem.batch, motion=tied.motion)
@@ -388,6 +449,7 @@ def _learned(
         sightings=len(stretch.track),
         tracks=int(stretch.track.max()) + 1,
         correlation=correlation_of(rows, stretch.track, stretch.sightings.stamp_s),
+        noise=noise,
     )
 
 
@@ -410,7 +472,8 @@ def _short(value: float) -> float:
 
 def reckoned(log: Log, config: Mapping[str, Any], stamp_s: Floats) -> Floats:
     """Poses (K, 3) by the odometry alone at stamps of sightings."""
-    return DeadReckoning(log.controls, config["motion"]).poses_at(stamp_s - config["sensor"]["delay_s"])
+    controls = turning_points(log.controls, config["motion"])
+    return DeadReckoning(controls, config["motion"]).poses_at(stamp_s - config["sensor"]["delay_s"])
 
 
 def widened(

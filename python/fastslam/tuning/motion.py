@@ -10,7 +10,7 @@ import numpy as np
 
 from .._between import Between
 from ..config import merge
-from ..dead_reckoning import arc_twists
+from ..dead_reckoning import arc_twists, turning_points
 from ..log import Controls, Floats
 
 DELAY = "sensor.delay_s"
@@ -129,30 +129,27 @@ class Links:
     share: Floats
 
 
-def links(
-    controls: Controls, config: Mapping[str, Any], stamp_s: Floats, by_parameter: Floats | None = None
-) -> Links:
-    """The links between the stamps of sightings under complete settings; `by_parameter` where it is known."""
-    here_twists = arc_twists(controls, config["motion"])
-    parts = noise_parts(controls, config["motion"], here_twists)
+def links(controls: Controls, config: Mapping[str, Any], stamp_s: Floats) -> Links:
+    """The links between the stamps of sightings under complete settings."""
+    turning = turning_points(controls, config["motion"])
+    here_twists = arc_twists(turning, config["motion"])
     analysed: dict[float, Between] = {}
 
-    def between(settings: Mapping[str, Any]) -> Between:
+    def moved(settings: Mapping[str, Any]) -> Floats:
         delay_s = settings["sensor"]["delay_s"]
         if delay_s not in analysed:
-            analysed[delay_s] = Between(controls, stamp_s - delay_s)
-        return analysed[delay_s]
-
-    def moved(settings: Mapping[str, Any]) -> Floats:
+            analysed[delay_s] = Between(turning, stamp_s - delay_s)
         same = settings["motion"] == config["motion"]
-        return between(settings).motion(here_twists if same else arc_twists(controls, settings["motion"]))
+        return analysed[delay_s].motion(here_twists if same else arc_twists(turning, settings["motion"]))
 
-    if by_parameter is None:
-        columns = []
-        for known in motion_parameters(config["motion"]):
-            here = value_of(config, known.key)
-            up, down = (merge(config, nested(known.key, here + sign * known.step)) for sign in (1, -1))
-            columns.append((moved(up) - moved(down)) / (2 * known.step))
-        by_parameter = np.stack(columns, axis=2)
-    density = np.column_stack([part.density for part in parts])
-    return Links(moved(config), by_parameter, between(config).gathered(density))
+    motion, columns = moved(config), []
+    for known in motion_parameters(config["motion"]):
+        here = value_of(config, known.key)
+        up = moved(merge(config, nested(known.key, here + known.step)))
+        # By a delay the motion goes from row to row: the mean of both sides tells how.
+        both = known.key == DELAY
+        down = moved(merge(config, nested(known.key, here - known.step))) if both else motion
+        columns.append((up - down) / (2 * known.step if both else known.step))
+    density = np.column_stack([part.density for part in noise_parts(controls, config["motion"])])
+    share = Between(controls, stamp_s - config["sensor"]["delay_s"]).gathered(density)
+    return Links(motion, np.stack(columns, axis=2), share)

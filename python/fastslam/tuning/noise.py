@@ -48,6 +48,17 @@ def learned_noise(problem: Problem, rows: Rows, followed: Floats, noise: Noise, 
     return replace(noise, seen=seen, squares=squares)
 
 
+def change_of(problem: Problem, rows: Rows, before: Noise, after: Noise) -> float:
+    """The largest change of a variance, as a logarithm; of a part of motion by its share of the variance.
+
+    What has hardly a share may shrink for ever, and nothing depends on it.
+    """
+    own = problem.links.share * before.squares / rows.variance[:, problem.axes]
+    share = own[problem.joined].mean(axis=0)
+    moved = share * np.abs(np.log(after.squares / before.squares))
+    return float(max(np.abs(np.log(after.seen / before.seen)).max(), moved.max()))
+
+
 def _ratio(found: Floats, expected: Floats, prior: Floats) -> Floats:
     ratio = (found + PRIOR_ROWS * prior) / (expected + PRIOR_ROWS)
     bounded: Floats = np.clip(ratio, 1 / MOST_CHANGE, MOST_CHANGE) ** POWER

@@ -20,12 +20,15 @@ from .begin import Beginning, Tried, beginning
 from .ending import Growth
 from .judge import SOUND, Judgement, ended, evidence, judged
 from .learn import (
+    COARSE,
     LEAST_PER_TRACK,
     SCALE,
+    SETTLED,
     WIDER,
     Learned,
     Stretch,
     Value,
+    errors_of,
     learn,
     of_turns_and_delay,
     problem_of,
@@ -210,22 +213,20 @@ def _search(session: _Session, stated: RunResult | None) -> Attempt:
     repeating = tracked.correlation > REPEATING
     hopeless = repeating and not session.named
     if hopeless:
-        _widen(session, tracked)
+        _widen_at_once(session, tracked)
     else:
         session.attempt("from short tracks", tracked.settings, tracked)
     if stated is None:
         session.attempt_as_stated()
     if not hopeless and (repeating or not _better(session.attempts).is_sound):
         _widen(session, tracked)
-    best = _better(session.attempts)
-    while len(session.attempts) < MOST_RUNS and (best.fault is None or best.wider):
+    best, teaches = _better(session.attempts), True
+    while teaches and len(session.attempts) < MOST_RUNS and (best.fault is None or best.wider):
         relearned = session.learned_from_map(best)
-        if relearned is None:
-            break
-        latest = session.attempt_again(best, relearned)
+        latest = None if relearned is None else session.attempt_again(best, relearned)
         if latest is None or _better([best, latest]) is best:
             break
-        best = latest
+        best, teaches = latest, _is_clearer(latest, best)
     session.finish()
     return best
 
@@ -238,6 +239,29 @@ def _widen(session: _Session, tracked: Learned) -> None:
         best = _better(session.attempts)
         if best.is_sound and best is not latest:
             break
+
+
+def _widen_at_once(session: _Session, tracked: Learned) -> None:
+    """Runs under wide noise where errors repeat: the width in the middle, then on the side that is likelier.
+
+    Where the one in the middle is sound a narrower one may be as well, and tell more; where it is not, it is
+    rather the wider one.
+    """
+    tracked = of_turns_and_delay(tracked)
+    narrow, middle, widest = WIDER
+    first = session.attempt_wide(tracked, middle)
+    best = _better(session.attempts)
+    if best.is_sound and best is not first:
+        return
+    for wider in (narrow, widest) if first.is_sound else (widest, narrow):
+        if session.attempt_wide(tracked, wider) is _better(session.attempts):
+            return
+
+
+def _is_clearer(latest: Attempt, best: Attempt) -> bool:
+    """Whether a map is the sounder or the simpler one, not just the likelier: only then it teaches more."""
+    sounder = latest.judgement.rank > best.judgement.rank
+    return sounder or latest.judgement.is_simpler(best.judgement)
 
 
 def _better(attempts: list[Attempt]) -> Attempt:
@@ -269,7 +293,11 @@ class _Session:
         self.named = config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
         self.attempts: list[Attempt] = []
         self.hypotheses: tuple[Tried, ...] = ()
+        self._first: Mapping[str, Any] = config
+        """The settings that short tracks are followed under at first."""
         self._start: Noise | None = None
+        self._noise: Noise | None = None
+        """What short tracks taught."""
         self._tracks: list[tuple[Mapping[str, Any], Tracked]] = []
         """What was followed from scan to scan, by the settings that it was followed under."""
         wide = wide_noise(log, config)
@@ -361,20 +389,22 @@ class _Session:
             self._progress(1, 1)
 
     def learned_from_tracks(self, begin: Beginning) -> Learned:
-        """Learns from what is followed from scan to scan, twice, for the second time with better odometry."""
-        config, learned = _begun(self.config, begin), None
-        for _ in range(2):
-            learned = learn(self.log, config, *self._tracked(config), stated=self.config)
-            config = merge(self.config, _errors_of(learned))
-        assert learned is not None
+        """Learns from what is followed from scan to scan by an odometry that it has put right before."""
+        self._first = config = _begun(self.config, begin)
+        config, rough = errors_of(self.log, config, *self._tracked(config), stated=self.config)
+        until = COARSE if rough.correlation > REPEATING and not self.named else SETTLED
+        stretch, places = self._tracked(config)
+        learned = learn(self.log, config, stretch, places, stated=self.config, noise=rough.noise, until=until)
+        self._noise = learned.noise
         return learned
 
     def problem_from_tracks(self) -> tuple[Problem, Noise]:
         """The least-squares problem of the short tracks and its first noise, before anything was learned."""
-        stretch, places = self._tracked(self.config)
-        problem = problem_of(self.log, self.config, stretch, places)
-        parts = noise_parts(self.log.controls, self.config["motion"])
-        return problem, start_noise(parts, problem.links, wide_noise(self.log, self.config))
+        config = self._first
+        stretch, places = self._tracked(config)
+        problem = problem_of(self.log, config, stretch, places)
+        parts = noise_parts(self.log.controls, config["motion"])
+        return problem, start_noise(parts, problem.links, wide_noise(self.log, config))
 
     def widened(self, learned: Learned, wider: float) -> Learned:
         """What was learned, under a wide noise."""
@@ -420,7 +450,8 @@ class _Session:
         counts = np.bincount(track[track >= 0], minlength=1)
         used = np.flatnonzero(counts >= LEAST_PER_TRACK)
         places = _path_at(result, stretch.stamp_s - config["sensor"]["delay_s"]), landmarks.mean_m[used]
-        return learn(self.log, config, stretch, places, stated=self.config)
+        until = COARSE if attempt.wider else SETTLED
+        return learn(self.log, config, stretch, places, stated=self.config, noise=self._noise, until=until)
 
     def _scene(self, config: Mapping[str, Any], poses: Floats) -> Scene:
         seen, _ = usable_sightings(self.log, self.until_s)
@@ -442,11 +473,6 @@ def _begun(config: Mapping[str, Any], begin: Beginning) -> dict[str, Any]:
         nested(distance, value_of(config, distance) * tried.speed_gain),
         nested("sensor.delay_s", value_of(config, "sensor.delay_s") + tried.delay_s),
     )
-
-
-def _errors_of(learned: Learned) -> dict[str, Any]:
-    """The systematic errors learned, without the noise."""
-    return merge(*(nested(value.key, value.value) for value in learned.values if value.standard_error >= 0))
 
 
 def _middles(shown: Scene, stretch: Stretch, track: Ints) -> Floats:

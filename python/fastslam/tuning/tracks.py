@@ -68,7 +68,9 @@ def short_tracks(seen: Scene) -> Ints:
         now = np.arange(start, end)
         earlier, later, lost = _matches(seen, last, now)
         track[later] = track[last[earlier]]
-        fresh = np.setdiff1d(now, np.concatenate([later, lost]))
+        unmatched = np.ones(len(now), dtype=bool)
+        unmatched[np.concatenate([later, lost]) - start] = False
+        fresh = now[unmatched]
         track[fresh] = number + np.arange(len(fresh))
         number += len(fresh)
         kept = np.ones(len(last), dtype=bool)
