@@ -81,7 +81,7 @@ impl Need {
             }
         }
         // What does not close asks for more evidence the next time.
-        self.enough = if merges.is_empty() { self.enough + self.enough.div_ceil(2) } else { SUSPECTS };
+        self.enough = if merges.is_empty() { self.enough.saturating_add(self.enough.div_ceil(2)) } else { SUSPECTS };
         self.suspects = 0;
         self.work_of_draws += work;
         self.work_per_step = work / path.poses.len().max(1) as f64;
@@ -163,6 +163,17 @@ mod tests {
         assert!(!need.asks() && !need.is_affordable_for_sure());
         (0..20).for_each(|_| need.scanned(9, 100));
         assert!(need.asks(), "the filter has done enough since");
+    }
+
+    #[test]
+    fn many_draws_that_close_nothing_ask_for_no_less_evidence() {
+        let (mut need, mut before) = (after_a_draw(0.0), 0);
+        for _ in 0..100 {
+            assert!(need.enough >= before);
+            before = need.enough;
+            need.drawn(0.0, &[], (&History::new(100), &Trajectory { start: Pose::default(), poses: Vec::new() }));
+        }
+        assert_eq!(before, u32::MAX);
     }
 
     #[test]
