@@ -6,7 +6,7 @@ use fastslam_core::random::{Purpose, RandomSource, Stream};
 use fastslam_core::space::sensor::{Model, Point, RangeBearingElevation, Spatial, Stereo};
 use fastslam_core::space::settings::{Camera, Placement};
 use fastslam_core::space::{
-    run, SpaceConfig, SpaceLog, SpacePose, SpaceRun, SpaceSensorModel, SpaceSighting, SpaceSlam, Twist,
+    run, SpaceConfig, SpaceLog, SpaceMotionKind, SpacePose, SpaceRun, SpaceSensorModel, SpaceSighting, SpaceSlam, Twist,
 };
 
 const DT_S: f64 = 0.1;
@@ -53,6 +53,61 @@ impl World {
         Self { config, landmarks: (0..12).map(place).collect(), steps: 80, noise: 1.0 }
     }
 
+    /// With nothing measured of the motion, or turns alone.
+    fn without_odometry(kind: SpaceMotionKind) -> Self {
+        let mut world = Self::new(SpaceSensorModel::Point);
+        world.config.motion.kind = kind;
+        world.config.motion.velocity_std_m_per_s = [0.4, 0.3, 0.2];
+        world.config.motion.rate_std_rad_per_s = [0.2, 0.3, 0.4];
+        world.config.motion.velocity_time_s = 1.0;
+        world.config.filter.draw_every_scans = 1;
+        world.config.filter.draw_fraction = 0.05;
+        world
+    }
+
+    /// The way of a step whose velocity wanders, which it is changed by; integrated in small steps.
+    fn wandered(&self, stream: Stream, velocity: &mut Twist) -> Twist {
+        let motion = &self.config.motion;
+        let std = [motion.velocity_std_m_per_s, motion.rate_std_rad_per_s].concat();
+        let (parts, mut way) = (50_u32, [0.0; 6]);
+        let h = DT_S / f64::from(parts) / motion.velocity_time_s;
+        for part in 0..parts {
+            let noise = normals(stream, 1000 + part);
+            for i in 0..6 {
+                let before = velocity[i];
+                velocity[i] += -h * before + self.noise * std[i] * (2.0 * h).sqrt() * noise[i];
+                way[i] += 0.5 * (before + velocity[i]) * DT_S / f64::from(parts);
+            }
+        }
+        way
+    }
+
+    /// The way of a step, and what is noted of it.
+    fn moved(&self, stream: Stream, step: usize, wandering: &mut Twist) -> (Twist, Twist) {
+        let slow = (0.13 * step as f64).sin();
+        let velocity: Twist = [1.0, 0.0, 0.2 * slow, 0.1 * slow, -0.2 * slow, 0.8];
+        let (motion, noise) = (&self.config.motion, normals(stream, 0));
+        let std = [motion.position_std_m_per_sqrt_s, motion.turn_std_rad_per_sqrt_s].concat();
+        let off = |i: usize| self.noise * std[i] * noise[i] * DT_S.sqrt();
+        let way = std::array::from_fn(|i| velocity[i] * DT_S + off(i));
+        if motion.kind == SpaceMotionKind::Odometry {
+            return (way, velocity);
+        }
+        if step == 0 {
+            // The first scan is where the path begins.
+            *wandering = std::array::from_fn(|i| {
+                let std = [motion.velocity_std_m_per_s, motion.rate_std_rad_per_s].concat();
+                self.noise * std[i] * noise[i]
+            });
+            return ([0.0; 6], [0.0; 6]);
+        }
+        let mut gone = self.wandered(stream, wandering);
+        if motion.kind == SpaceMotionKind::Gyro {
+            (3..6).for_each(|i| gone[i] = way[i]);
+        }
+        (gone, velocity)
+    }
+
     fn simulate(&self, seed: u64) -> Simulated {
         match Model::from(&self.config.sensor) {
             Model::Point(model) => self.simulated(&model, seed),
@@ -64,15 +119,11 @@ impl World {
     fn simulated(&self, model: &impl Spatial, seed: u64) -> Simulated {
         let source = RandomSource::new(seed);
         let (mut log, mut poses) = (SpaceLog::default(), Vec::new());
-        let mut pose = self.config.initial_pose.pose();
+        let (mut pose, mut wandering) = (self.config.initial_pose.pose(), [0.0; 6]);
         let spread = Cholesky::of(&model.noise()).unwrap();
         for step in 0..self.steps {
-            let slow = (0.13 * step as f64).sin();
-            let velocity: Twist = [1.0, 0.0, 0.2 * slow, 0.1 * slow, -0.2 * slow, 0.8];
-            let noise = normals(source.stream(Purpose::Simulation, step as u64), 0);
-            let motion = &self.config.motion;
-            let std = [motion.position_std_m_per_sqrt_s, motion.turn_std_rad_per_sqrt_s].concat();
-            let way = std::array::from_fn(|i| velocity[i] * DT_S + self.noise * std[i] * noise[i] * DT_S.sqrt());
+            let stream = source.stream(Purpose::Simulation, step as u64);
+            let (way, velocity) = self.moved(stream, step, &mut wandering);
             pose = pose.compose(SpacePose::exp(way));
             log.row_stamp_s.push(step as f64 * DT_S);
             log.velocity.push(velocity);
@@ -148,17 +199,19 @@ fn band(degrees: f64) -> (f64, f64) {
     (bound(-3.3), bound(3.3))
 }
 
-fn as_sure_as_they_should_be(model: SpaceSensorModel) {
-    let seeds = 40;
-    let world = World::new(model);
+fn as_sure_as_they_should_be(world: &World) {
+    let (seeds, model) = (40, (world.config.sensor.model, world.config.motion.kind));
     let (mut pose, mut landmark, mut innovations, mut numbers) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..seeds {
         let simulated = world.simulate(100 + seed);
         let run = world.run(&simulated);
         let live = run.live.last().unwrap();
-        let off = apart(live.mean, *simulated.poses.last().unwrap());
+        // Where nothing was seen at the end, and nothing noted, it is that of the last scan.
+        let last = (run.stamp_s.last().unwrap() / DT_S).round() as usize - 1;
+        let off = apart(live.mean, simulated.poses[last]);
         let factor = Cholesky::of(&live.covariance).unwrap();
         pose += factor.whitened(&off).iter().map(|v| v * v).sum::<f64>();
+        println!("DBG {seed} {:?} last {last} n {} dof {:?}", factor.whitened(&off).iter().map(|v| v * v).sum::<f64>(), run.stamp_s.len(), run.steps[run.steps.len()-8..].iter().map(|s| s.degrees_of_freedom).collect::<Vec<_>>());
         // One landmark a seed: those of one run err together.
         let one = &run.smoothed.landmarks[seed as usize % run.smoothed.landmarks.len()];
         let truth = world.landmarks[one.identity as usize];
@@ -180,13 +233,55 @@ fn as_sure_as_they_should_be(model: SpaceSensorModel) {
 
 #[test]
 fn poses_and_landmarks_are_as_sure_as_they_should_be() {
-    as_sure_as_they_should_be(SpaceSensorModel::Point);
+    as_sure_as_they_should_be(&World::new(SpaceSensorModel::Point));
 }
 
 #[test]
 #[ignore = "slow: make test-all runs it"]
 fn poses_and_landmarks_are_as_sure_as_they_should_be_by_range_and_angles() {
-    as_sure_as_they_should_be(SpaceSensorModel::RangeBearingElevation);
+    as_sure_as_they_should_be(&World::new(SpaceSensorModel::RangeBearingElevation));
+}
+
+#[test]
+fn without_odometry_poses_and_landmarks_are_as_sure_as_they_should_be() {
+    as_sure_as_they_should_be(&World::without_odometry(SpaceMotionKind::Wandering));
+}
+
+#[test]
+#[ignore = "slow: make test-all runs it"]
+fn with_a_gyro_alone_poses_and_landmarks_are_as_sure_as_they_should_be() {
+    as_sure_as_they_should_be(&World::without_odometry(SpaceMotionKind::Gyro));
+}
+
+#[test]
+fn without_odometry_the_first_scan_is_the_start_and_gaps_are_bridged() {
+    for kind in [SpaceMotionKind::Wandering, SpaceMotionKind::Gyro] {
+        let world = World::without_odometry(kind);
+        let mut simulated = world.simulate(7);
+        let kept: Vec<usize> = (0..simulated.log.sightings.len())
+            .filter(|i| !(2.95..3.45).contains(&simulated.log.sighting_stamp_s[*i]))
+            .collect();
+        simulated.log.sightings = kept.iter().map(|i| simulated.log.sightings[*i]).collect();
+        simulated.log.sighting_stamp_s = kept.iter().map(|i| simulated.log.sighting_stamp_s[*i]).collect();
+        if kind == SpaceMotionKind::Wandering {
+            (simulated.log.row_stamp_s, simulated.log.velocity) = (Vec::new(), Vec::new());
+        }
+        let run = world.run(&simulated);
+        assert!(apart(run.live[0].mean, world.config.initial_pose.pose()).iter().all(|v| v.abs() < 1e-4));
+        let gaps: Vec<f64> = run.smoothed.path.windows(2).map(|w| w[1].0 - w[0].0).collect();
+        assert!(gaps.iter().all(|gap| (0.0..0.11).contains(gap)), "{kind:?}: {gaps:?}");
+        assert_eq!(run.stamp_s.len(), run.smoothed.path.len());
+        let (mut off, mut count) = (0.0, 0.0);
+        for (stamp_s, pose) in &run.smoothed.path {
+            let Some(truth) = simulated.poses.get((stamp_s / DT_S).round() as usize - 1) else { continue };
+            if ((stamp_s / DT_S).round() - stamp_s / DT_S).abs() < 1e-6 {
+                off += apart(*pose, *truth)[..3].iter().map(|v| v * v).sum::<f64>();
+                count += 1.0;
+            }
+        }
+        // A look is off by 5 cm: that of some at once is no more, twice as much where nothing is seen.
+        assert!(count > 75.0 && (off / count).sqrt() < 0.1, "{kind:?}: {} of {count}", (off / count).sqrt());
+    }
 }
 
 #[test]

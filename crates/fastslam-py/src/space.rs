@@ -143,6 +143,10 @@ fn to_dict<'py>(py: Python<'py>, run: &SpaceRun, took: Duration) -> PyResult<Bou
         dict.set_item("motion_ratios", ratios.motion.to_vec().into_pyarray(py))?;
         dict.set_item("sensor_ratios", ratios.sensor.to_vec().into_pyarray(py))?;
     }
+    if let Some(hold) = run.smoothed.hold {
+        dict.set_item("misfit", hold.misfit)?;
+        dict.set_item("shape_std_m", hold.shape_std_m)?;
+    }
     dict.set_item("steps", steps(py, &run.steps)?)?;
     let mut skipped = Skipped::default();
     run.steps.iter().for_each(|step| skipped.add(&step.skipped));

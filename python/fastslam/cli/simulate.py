@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from .._core import simulation_presets
+from ..errors import ConfigError
 from .console import width_of_stdout
 from .options import ConfigFile, Seed, Settings
 from .output import keys_text
@@ -59,6 +60,13 @@ def simulate_log(
             help="What it sees (`sensor.model`): range_bearing, range, bearing; in space point3d, elevation.",
         ),
     ] = None,
+    motion: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="In space, what is measured of the motion: odometry, gyro, or wandering (nothing).",
+        ),
+    ] = None,
     max_range: Annotated[
         float | None, typer.Option("--max-range-m", metavar="M", help="How far the sensor sees, in metres.")
     ] = None,
@@ -82,6 +90,7 @@ def simulate_log(
       fastslam simulate clutter --set scan.clutter_per_scan=2 --set scan.detection_probability=0.8
       fastslam simulate beacons --sensor range --max-range-m 100 --set world.count=12
       fastslam simulate stars --sensor point3d
+      fastslam simulate carried --sensor point3d --motion wandering
       fastslam simulate square --path waypoints --set "trajectory.points_m=[[5, 5], [45, 5], [45, 35]]"
     """
     from ..datasets.native_write import write_native
@@ -97,8 +106,11 @@ def simulate_log(
             "--path": path,
         }
         refuse(other)
-        simulate_in_space(out, IN_SPACE[sensor], landmarks=landmarks, max_range_m=max_range, seed=seed)
+        chosen: dict[str, Any] = {"motion": motion, "landmarks": landmarks, "seed": seed}
+        simulate_in_space(out, IN_SPACE[sensor], max_range_m=max_range, **chosen)
         return
+    if motion is not None:
+        raise ConfigError(f"--motion: for a sensor in space, --sensor {' or '.join(IN_SPACE)}")
     flags = {"layout": layout, "path": path, "sensor": sensor, "max_range": max_range, "seed": seed}
     given = (f"{_KEY_OF_FLAG[name]}={value}" for name, value in flags.items() if value is not None)
     complete = resolve_simulation(

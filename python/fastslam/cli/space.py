@@ -131,13 +131,19 @@ def _summary(title: str, runs: list[Metrics]) -> Any:
 
 
 def simulate_in_space(
-    out: Path, sensor: str, *, landmarks: int | None, max_range_m: float | None, seed: int | None
+    out: Path,
+    sensor: str,
+    *,
+    motion: str | None,
+    landmarks: int | None,
+    max_range_m: float | None,
+    seed: int | None,
 ) -> None:
     """Writes a simulated log in space; what is None is as the simulation has it."""
     from ..space.native_write import write_native
     from ..space.simulation import simulate
 
-    given = {"landmarks": landmarks, "max_range_m": max_range_m, "seed": seed}
+    given = {"motion": motion, "landmarks": landmarks, "max_range_m": max_range_m, "seed": seed}
     chosen: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     log = simulate(sensor=sensor, name=out.resolve().name, **chosen)
     write_native(log, out)
@@ -166,7 +172,7 @@ def info_in_space(path: Path, format: str, *, json: bool) -> None:
         stdout().print("no problems found", markup=False, highlight=False)
 
 
-def _facts(log: SpaceLog) -> list[tuple[str, float | int, str]]:
+def _facts(log: SpaceLog) -> list[tuple[str, float | int | str, str]]:
     import numpy as np
 
     stamps, counts = np.unique(log.sighting_stamp_s, return_counts=True)
@@ -174,6 +180,7 @@ def _facts(log: SpaceLog) -> list[tuple[str, float | int, str]]:
     truth = log.truth
     return [
         ("duration", log.duration_s, "s"),
+        ("motion", log.motion, ""),
         ("velocities", len(log.row_stamp_s), ""),
         ("longest row", float(np.max(np.diff(log.row_stamp_s), initial=0.0)), "s"),
         ("sightings", len(log.sighting_stamp_s), ""),

@@ -20,6 +20,12 @@ CLOSE_ENOUGH = 0.01
 """Rounds end when no standard deviation changes by more than this part."""
 STRIDE = 1.8
 """Steps of EM are lengthened so many times, in the logarithm: below 2 it converges, in half the rounds."""
+STDS = {
+    "odometry": ("position_std_m_per_sqrt_s", "turn_std_rad_per_sqrt_s"),
+    "gyro": ("velocity_std_m_per_s", "turn_std_rad_per_sqrt_s"),
+    "wandering": ("velocity_std_m_per_s", "rate_std_rad_per_s"),
+}
+"""What is learned of the motion, along and about the axes, by `motion.kind`."""
 PLAIN = {"filter": {"particles": 20, "draw_every_scans": 0}}
 """The filter only begins the least squares."""
 
@@ -38,7 +44,7 @@ def learn(log: SpaceLog, config: Layer | None = None, *, progress: Progress | No
         result = run(log, SCHEMA.merge(layer, PLAIN))
         if result.ratios is None:
             raise DataError("the noise cannot be learned: no path explains the sightings", log.source)
-        scaled = _scaled(effective, result.ratios)
+        scaled = _scaled(effective, result.ratios, is_sensor_known=log.covariance is not None)
         layer = SCHEMA.merge(layer, scaled)
         if result.interrupted or _change(effective, scaled) < CLOSE_ENOUGH:
             break
@@ -47,16 +53,16 @@ def learn(log: SpaceLog, config: Layer | None = None, *, progress: Progress | No
     return layer
 
 
-def _scaled(config: Mapping[str, Any], ratios: NoiseRatios) -> dict[str, Any]:
+def _scaled(config: Mapping[str, Any], ratios: NoiseRatios, *, is_sensor_known: bool) -> dict[str, Any]:
     """The settings with every standard deviation times the root of its ratio."""
     motion, sensor = config["motion"], config["sensor"]
     by_axis, by_number = ratios.motion ** (0.5 * STRIDE), np.sqrt(ratios.sensor)
-    names = ("position_std_m_per_sqrt_s", "turn_std_rad_per_sqrt_s")
     parts = (by_axis[:3], by_axis[3:])
-    return {
-        "motion": {name: _times(motion[name], part) for name, part in zip(names, parts, strict=True)},
-        "sensor": {"model": sensor["model"], **_sensor(sensor, by_number)},
+    scaled = {
+        name: _times(motion[name], part) for name, part in zip(STDS[motion["kind"]], parts, strict=True)
     }
+    own = {} if is_sensor_known else _sensor(sensor, by_number)
+    return {"motion": scaled, "sensor": {"model": sensor["model"], **own}}
 
 
 def _change(before: Mapping[str, Any], after: Mapping[str, Any]) -> float:

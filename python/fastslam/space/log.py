@@ -14,6 +14,9 @@ MEASURED = {
 }
 """The three numbers of a sighting, by `sensor.model`."""
 
+WITHOUT_ODOMETRY = {"draw_every_scans": 1, "draw_fraction": 0.0}
+"""`filter` of a log without odometry: particles spread so far between scans that each draws them anew."""
+
 
 @dataclass(frozen=True)
 class SpaceTruth:
@@ -33,9 +36,9 @@ class SpaceLog:
     """Everything that was read from one log in space.
 
     Shapes: `row_stamp_s` (N,) growing, `velocity` (N, 6) in the robot's axes (m/s, rad/s), each row holding
-    until the next; `sighting_stamp_s` (S,) in order, `value` (S, 3) as `MEASURED` has it, `identity` (S,)
-    into `names` (-1: nobody says), `covariance` (S, 6) the upper triangle of each, row by row, NaN or None
-    where the sensor's settings hold.
+    until the next, with zeros for what is not measured; `sighting_stamp_s` (S,) in order, `value` (S, 3) as
+    `MEASURED` has it, `identity` (S,) into `names` (-1: nobody says), `covariance` (S, 6) the upper triangle
+    of each, row by row, NaN or None where the sensor's settings hold.
     """
 
     name: str
@@ -56,6 +59,11 @@ class SpaceLog:
     def sensor(self) -> str:
         """Which three numbers a sighting has."""
         return str(self.config.get("sensor", {}).get("model", "point"))
+
+    @property
+    def motion(self) -> str:
+        """What is measured of the motion: odometry, gyro (turns alone), or wandering (nothing)."""
+        return str(self.config.get("motion", {}).get("kind", "odometry"))
 
     @property
     def duration_s(self) -> float:

@@ -1,4 +1,4 @@
-"""Reads the native log in space: `log.yaml` with `dimensions: 3`, `odometry.csv`, `sightings.csv`."""
+"""Reads the native log in space: `log.yaml` with `dimensions: 3`, `sightings.csv`, `odometry.csv` if any."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..datasets.text import find_file, read_table, read_text
 from ..errors import ConfigError, DataError
 from ..log import Floats, Problem
 from .config import SCHEMA
-from .log import SpaceLog, SpaceTruth
+from .log import WITHOUT_ODOMETRY, SpaceLog, SpaceTruth
 
 KEYS = ("format_version", "dimensions", "name", "motion", "sensor", "filter", "initial_pose")
 VELOCITIES = (
@@ -71,14 +71,10 @@ def load(path: Path) -> SpaceLog:
     path = _folder(path)
     settings = _settings(path / "log.yaml")
     model = settings.get("sensor", {}).get("model", "point")
-    odometry, velocity, motion = _odometry(path)
-    row_stamp_s = odometry.stamps("stamp_s")
+    row_stamp_s, velocity, motion = _odometry(path)
     settings["motion"] = {**motion, **settings.get("motion", {})}
-    odometry.check_finite("stamp_s", row_stamp_s)
-    early = np.diff(row_stamp_s) <= 0
-    if early.any():
-        row = int(np.argmax(early)) + 1
-        raise DataError("the stamp is not later than the one before", odometry.path, odometry.lines[row])
+    if "kind" in motion:
+        settings["filter"] = {**WITHOUT_ODOMETRY, **settings.get("filter", {})}
     seen, value, covariance = _sightings(path, NUMBERS[model])
     stamp_s = seen.stamps("stamp_s")
     seen.check_finite("stamp_s", stamp_s)
@@ -129,25 +125,37 @@ def _settings(path: Path) -> dict[str, Any]:
     return dict(settings)
 
 
-def _odometry(path: Path) -> tuple[CsvTable, Floats, dict[str, list[float]]]:
-    """The table, its velocities (N, 6), and the noise of a motion that the table tells the kind of."""
-    if _is_planar(path):
-        table = _table(path, "odometry.csv", (STAMP, *PLANAR))
-        velocity = np.zeros((len(table.lines), 6))
-        velocity[:, [0, 5]] = _columns(table, PLANAR)
-        return table, velocity, ON_THE_GROUND
-    table = _table(path, "odometry.csv", (STAMP, *VELOCITIES))
-    return table, _columns(table, VELOCITIES), {}
-
-
-def _is_planar(path: Path) -> bool:
-    """Whether the odometry has one speed, not one for each axis."""
+def _odometry(path: Path) -> tuple[Floats, Floats, dict[str, Any]]:
+    """Stamps, velocities (N, 6), and the settings of a motion that the table, or none, tells the kind of."""
     file = find_file(path, "odometry.csv")
     if file is None:
-        return False
-    speed = PLANAR[0]
-    names = {split_unit(name)[0] for name in read_csv(file, example=speed.name).index_of}
-    return not names.isdisjoint({split_unit(speed.name)[0], *speed.aliases})
+        return np.empty(0), np.empty((0, 6)), {"kind": "wandering"}
+    given = {split_unit(name)[0] for name in read_csv(file, example=VELOCITIES[0].name).index_of}
+    columns: tuple[Quantity, ...] = VELOCITIES
+    axes, motion = list(range(6)), dict[str, Any]()
+    if _holds(given, PLANAR[:1]):
+        columns, axes, motion = PLANAR, [0, 5], dict(ON_THE_GROUND)
+    elif _holds(given, VELOCITIES[3:]) and not _holds(given, VELOCITIES[:3]):
+        columns, axes, motion = VELOCITIES[3:], [3, 4, 5], {"kind": "gyro"}
+    table = _table(path, "odometry.csv", (STAMP, *columns))
+    velocity = np.zeros((len(table.lines), 6))
+    velocity[:, axes] = _columns(table, columns)
+    return _growing(table), velocity, motion
+
+
+def _growing(table: CsvTable) -> Floats:
+    stamp_s = table.stamps("stamp_s")
+    table.check_finite("stamp_s", stamp_s)
+    early = np.diff(stamp_s) <= 0
+    if early.any():
+        row = int(np.argmax(early)) + 1
+        raise DataError("the stamp is not later than the one before", table.path, table.lines[row])
+    return stamp_s
+
+
+def _holds(given: set[str], quantities: tuple[Quantity, ...]) -> bool:
+    """Whether a table's columns, without their units, have one of these."""
+    return any(not given.isdisjoint({split_unit(q.name)[0], *q.aliases}) for q in quantities)
 
 
 def _table(

@@ -14,6 +14,9 @@ from .log import MEASURED, SpaceLog
 from .native import COVARIANCES, PLACE, VELOCITIES
 from .result import SpacePath
 
+MEASURED_MOTION = {"odometry": [0, 1, 2, 3, 4, 5], "gyro": [3, 4, 5], "wandering": []}
+"""Columns of the velocity that a log has, by `motion.kind`."""
+
 
 def write_native(log: SpaceLog, folder: Path | str) -> Path:
     """Writes `log.yaml`, the tables and the truth into a new or empty folder; returns it.
@@ -26,9 +29,11 @@ def write_native(log: SpaceLog, folder: Path | str) -> Path:
     sensor = {"model": log.sensor, **log.config.get("sensor", {})}
     settings = {"format_version": 1, "dimensions": 3, "name": log.name, **log.config, "sensor": sensor}
     write_atomically(target / "log.yaml", write_yaml(settings))
-    names = ("stamp_s", *(quantity.name for quantity in VELOCITIES))
-    rows = np.column_stack([log.row_stamp_s, log.velocity])
-    write_atomically(target / "odometry.csv", csv_text(names, map(_cells, rows)))
+    measured = MEASURED_MOTION[log.motion]
+    if measured:
+        names = ("stamp_s", *(VELOCITIES[axis].name for axis in measured))
+        rows = np.column_stack([log.row_stamp_s, log.velocity[:, measured]])
+        write_atomically(target / "odometry.csv", csv_text(names, map(_cells, rows)))
     write_atomically(target / "sightings.csv", _sightings(log))
     if log.truth is not None and len(log.truth.stamp_s):
         path = SpacePath(log.truth.stamp_s, log.truth.T_world_robot)

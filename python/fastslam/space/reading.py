@@ -7,12 +7,13 @@ from pathlib import Path
 
 from .._hints import does_not_exist
 from ..errors import DataError
-from . import native, starry_night
+from . import native, starloc, starry_night
 from .log import SpaceLog
 
 READERS: dict[str, tuple[Callable[[Path], bool], Callable[[Path], SpaceLog]]] = {
     "space": (native.matches, native.load),
     "starry_night": (starry_night.matches, starry_night.load),
+    "starloc": (starloc.matches, starloc.load),
 }
 """How each format is recognised, from names and first bytes, and read."""
 

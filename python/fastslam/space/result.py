@@ -53,6 +53,18 @@ class NoiseRatios:
 
 
 @dataclass(frozen=True)
+class Hold:
+    """How well path and map hold together where no odometry holds the path.
+
+    `misfit` is the squared residuals of the least squares over what the noise explains; `shape_std_m` how
+    surely landmarks lie where they do to each other, as the root of the mean variance of a place.
+    """
+
+    misfit: float
+    shape_std_m: float
+
+
+@dataclass(frozen=True)
 class SpaceResult:
     """A run: the path as it was known on the way, and path and map given the whole log."""
 
@@ -69,6 +81,8 @@ class SpaceResult:
     warnings: tuple[str, ...] = ()
     ratios: NoiseRatios | None = None
     """What the residuals say of the noise, where the least squares had a solution."""
+    hold: Hold | None = None
+    """Of a log without odometry whose least squares had a solution."""
 
     @property
     def log_evidence(self) -> float:

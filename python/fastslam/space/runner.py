@@ -17,7 +17,7 @@ from ..settings import Layer
 from .config import SpaceConfig
 from .log import SpaceLog
 from .reading import load
-from .result import NoiseRatios, SpaceMap, SpacePath, SpaceResult
+from .result import Hold, NoiseRatios, SpaceMap, SpacePath, SpaceResult
 from .verdict import warnings_of
 
 Progress = Callable[[int, int], None]
@@ -91,5 +91,6 @@ def _result(columns: dict[str, Any], log: SpaceLog, config: SpaceConfig) -> Spac
         ratios=NoiseRatios(columns["motion_ratios"], columns["sensor_ratios"])
         if "motion_ratios" in columns
         else None,
+        hold=Hold(columns["misfit"], columns["shape_std_m"]) if "misfit" in columns else None,
     )
     return replace(result, warnings=warnings_of(result, log))

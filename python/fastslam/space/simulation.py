@@ -9,9 +9,10 @@ import numpy as np
 from ..errors import ConfigError
 from ..log import Floats, Ints
 from .evaluation import matrices, quaternions
-from .log import SpaceLog, SpaceTruth
+from .log import WITHOUT_ODOMETRY, SpaceLog, SpaceTruth
 
 SENSORS = ("point", "range_bearing_elevation")
+MOTIONS = ("odometry", "gyro", "wandering")
 ROW_S = 0.05
 SCAN_ROWS = 4
 SECONDS = 120.0
@@ -22,11 +23,16 @@ TURN_STD = (0.02, 0.02, 0.03)
 """Radians after one second."""
 STD = {"point": (0.06, 0.06, 0.06), "range_bearing_elevation": (0.06, 0.01, 0.01)}
 HALF_VIEW_RAD = 1.0
+SWAY_STD = (0.3, 0.3, 0.3, 0.4, 0.4, 0.4)
+"""How much the velocities of something in a hand differ from those that it is carried with, m/s and rad/s."""
+SWAY_S = 0.5
+"""Time after which such a difference is another one."""
 
 
 def simulate(
     *,
     sensor: str = "point",
+    motion: str = "odometry",
     landmarks: int = 40,
     max_range_m: float = 10.0,
     seed: int = 0,
@@ -34,21 +40,26 @@ def simulate(
 ) -> SpaceLog:
     """Two minutes through a room of 16 m by 12 m by 5 m, the motion known to 2 cm and 1 degree a root second.
 
+    With `motion` "gyro" only turns are known so, and with "wandering" nothing: somebody carries the sensor
+    then, and it sways.
+
     >>> log = simulate(landmarks=12, seed=3)
     >>> log.velocity.shape, len(log.names), log.truth.T_world_robot.shape
     ((2400, 6), 12, (2400, 7))
 
-    Errors: `ConfigError` for a sensor that is not one of `SENSORS`, and for numbers that are not positive.
+    Errors: `ConfigError` for a sensor that is not one of `SENSORS`, a motion not of `MOTIONS`, and for
+    numbers that are not positive.
     """
-    if sensor not in SENSORS:
-        raise ConfigError(f"sensor: got {sensor}, expected {' or '.join(SENSORS)}")
+    for key, got, known in (("sensor", sensor, SENSORS), ("motion", motion, MOTIONS)):
+        if got not in known:
+            raise ConfigError(f"{key}: got {got}, expected {' or '.join(known)}")
     if not landmarks > 0 or not max_range_m > 0:
         raise ConfigError(
             f"landmarks, max_range_m: got {landmarks}, {max_range_m}, expected positive numbers"
         )
     rng = np.random.default_rng(seed)
     places = rng.uniform(-0.5, 0.5, (landmarks, 3)) * ROOM_M
-    velocity, positions, rotations = _flight(rng)
+    velocity, positions, rotations = _flight(rng, is_carried=motion != "odometry")
     stamp_s: Floats = ROW_S * np.arange(1, len(velocity) + 1, dtype=np.float64)
     scans = np.arange(SCAN_ROWS - 1, len(velocity), SCAN_ROWS)
     row, seen, value = _sightings(places, positions[scans + 1], rotations[scans + 1], (max_range_m, sensor))
@@ -56,26 +67,35 @@ def simulate(
     poses: Floats = np.column_stack([positions, quaternions(rotations)])
     names = tuple(f"star-{number}" for number in range(1, landmarks + 1))
     keys = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
+    rows = slice(0 if motion == "wandering" else None)
+    # Without odometry the first scan is where the path begins.
+    start = 0 if motion == "odometry" or not len(row) else scans[row[0]] + 1
     return SpaceLog(
         name=name,
         source="simulation",
         format="space",
-        row_stamp_s=np.asarray(stamp_s - ROW_S),
-        velocity=velocity,
+        row_stamp_s=np.asarray(stamp_s - ROW_S)[rows],
+        velocity=(velocity * _MEASURED[motion])[rows],
         sighting_stamp_s=stamp_s[scans][row],
         value=value + rng.normal(size=value.shape) * std,
         identity=seen,
         names=names,
         truth=SpaceTruth(stamp_s, poses[1:], names, places),
         config={
-            "motion": {
-                "position_std_m_per_sqrt_s": list(POSITION_STD),
-                "turn_std_rad_per_sqrt_s": list(TURN_STD),
-            },
+            "motion": _motion(motion),
+            **({} if motion == "odometry" else {"filter": WITHOUT_ODOMETRY}),
             "sensor": {"model": sensor, "max_range_m": 2.0 * max_range_m, **_noise(sensor)},
-            "initial_pose": dict(zip(keys, map(float, poses[0]), strict=True)),
+            "initial_pose": dict(zip(keys, map(float, poses[start]), strict=True)),
         },
     )
+
+
+_MEASURED = {
+    "odometry": np.ones(6),
+    "gyro": np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
+    "wandering": np.zeros(6),
+}
+"""Which velocities somebody notes."""
 
 
 def _noise(sensor: str) -> dict[str, object]:
@@ -85,12 +105,28 @@ def _noise(sensor: str) -> dict[str, object]:
     return dict(zip(names, STD[sensor], strict=True))
 
 
-def _flight(rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
-    """What is commanded in each row, and positions and rotations, the start first: the motion errs."""
+def _motion(motion: str) -> dict[str, object]:
+    """What the log says of its motion: how velocities wander it does not know."""
+    turn = {"turn_std_rad_per_sqrt_s": list(TURN_STD)}
+    if motion == "odometry":
+        return {"position_std_m_per_sqrt_s": list(POSITION_STD), **turn}
+    return {"kind": motion, **(turn if motion == "gyro" else {})}
+
+
+def _flight(rng: np.random.Generator, *, is_carried: bool) -> tuple[Floats, Floats, Floats]:
+    """What is commanded in each row, and positions and rotations, the start first: the motion errs.
+
+    What is carried sways: an error of the velocity that decays and is made anew.
+    """
     std = np.array([*POSITION_STD, *TURN_STD]) * np.sqrt(ROW_S)
+    sway, decay = np.zeros(6), np.exp(-ROW_S / SWAY_S)
+    fresh = np.array(SWAY_STD) * np.sqrt(1.0 - decay**2)
     velocities, positions, rotations = [], [np.array([0.0, -4.0, 0.0])], [np.eye(3)]
     for row in range(round(SECONDS / ROW_S)):
         velocity = _steered(positions[-1], rotations[-1], ROW_S * row)
+        if is_carried:
+            sway = decay * sway + rng.normal(size=6) * fresh
+            velocity = velocity + sway
         way = velocity * ROW_S + rng.normal(size=6) * std
         # The chord of an arc points half of its turn aside, to the third order of a turn of a few degrees.
         half, whole = turns(np.array([0.5 * way[3:], way[3:]]))

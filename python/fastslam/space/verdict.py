@@ -14,6 +14,8 @@ SMALLEST_RATIO = 0.3
 LONGEST_BLINDNESS_S = 5.0
 WIDEST_TURN_RAD = 0.3
 WIDEST_SHIFT_M = 1.0
+WIDEST_SHAPE_M = 0.5
+"""How surely landmarks must lie to each other where there is no odometry."""
 _LOST = "lost: "
 _NO_LANDMARK = "no landmark"
 
@@ -23,29 +25,53 @@ def warnings_of(result: SpaceResult, log: SpaceLog) -> tuple[str, ...]:
     found = [*_skipped(result)]
     if len(result.landmarks.ids) == 0:
         return (*found, f"{_NO_LANDMARK} was mapped: no sighting names one, or none could be used")
-    ratio = result.innovation_ratio
+    if result.config["motion"]["kind"] == "odometry":
+        found += [*_fit(result.innovation_ratio, "odometry"), *_blindness(log), *_end(result)]
+    else:
+        found += [*_hold(result), *_blindness(log)]
+    return tuple(found)
+
+
+def _fit(ratio: float, corrected: str) -> list[str]:
     if np.isnan(ratio):
-        found.append(f"{_NO_LANDMARK} was seen twice, so nothing corrects the odometry")
-    elif ratio > LARGEST_RATIO:
+        return [f"{_NO_LANDMARK} was seen twice, so nothing corrects the {corrected}"]
+    if ratio > LARGEST_RATIO:
         lost = _LOST if ratio > LOST_RATIO else ""
-        found.append(
+        return [
             f"{lost}sightings lie {np.sqrt(ratio):.1f} times as far off as their noise says: "
             "its standard deviations, or those of the motion, are too small, or names are mixed up"
-        )
-    elif ratio < SMALLEST_RATIO:
-        found.append(
+        ]
+    if ratio < SMALLEST_RATIO:
+        return [
             f"sightings lie {np.sqrt(ratio):.2f} times as far off as their noise says: "
             "its standard deviations are too large, and so are the covariances"
-        )
-    found += _blindness(log)
+        ]
+    return []
+
+
+def _end(result: SpaceResult) -> list[str]:
     covariance = result.trajectory.covariance
-    if covariance is not None and len(covariance):
-        shift, turn = (np.sqrt(np.trace(covariance[-1, part, part])) for part in (slice(0, 3), slice(3, 6)))
-        if shift > WIDEST_SHIFT_M or turn > WIDEST_TURN_RAD:
-            found.append(
-                f"{_LOST}at the end the pose is known to {shift:.2f} m and {np.degrees(turn):.0f} degrees"
-            )
-    return tuple(found)
+    if covariance is None or not len(covariance):
+        return []
+    shift, turn = (np.sqrt(np.trace(covariance[-1, part, part])) for part in (slice(0, 3), slice(3, 6)))
+    if shift <= WIDEST_SHIFT_M and turn <= WIDEST_TURN_RAD:
+        return []
+    return [f"{_LOST}at the end the pose is known to {shift:.2f} m and {np.degrees(turn):.0f} degrees"]
+
+
+def _hold(result: SpaceResult) -> list[str]:
+    """Without odometry: where the frame lies, and where a blind stretch went, may be open; a map must not."""
+    if np.isnan(result.innovation_ratio):
+        return _fit(float("nan"), "path")
+    if result.hold is None:
+        return [f"{_LOST}no path explains the sightings"]
+    found = _fit(result.hold.misfit, "path")
+    if result.hold.shape_std_m > WIDEST_SHAPE_M:
+        found.append(
+            f"{_LOST}sightings alone hold the landmarks to {result.hold.shape_std_m:.2f} m of each other: "
+            "a gyro, odometry or more landmarks at once would hold them better"
+        )
+    return found
 
 
 def is_unsound(result: SpaceResult) -> bool:

@@ -55,7 +55,7 @@ impl Equations {
     where
         S: Iterator<Item = usize> + Clone,
     {
-        let mut upper = UpperTriangle::of_chain::<3, 2>(poses, seen_from);
+        let mut upper = UpperTriangle::of_chain::<3, 3, 2>(poses, seen_from);
         let first = upper.size();
         for column in first..first + border {
             upper.rows.extend(touched.iter().flat_map(|pose| 3 * pose..3 * pose + 3));

@@ -219,7 +219,7 @@ mod tests {
         let chance = |a: usize, b: usize| stream.uniform(a as u32, b as u32);
         let (poses, landmarks) = (20 + 10 * case as usize, 30);
         let seen = |k: usize| (0..poses).filter(move |pose| chance(k, *pose) < 0.2).collect::<Vec<_>>().into_iter();
-        let mut matrix = UpperTriangle::of_chain::<3, 2>(poses, (0..landmarks).map(seen));
+        let mut matrix = UpperTriangle::of_chain::<3, 3, 2>(poses, (0..landmarks).map(seen));
         for (i, value) in matrix.values.iter_mut().enumerate() {
             *value = chance(landmarks, i) - 0.5;
         }

@@ -13,9 +13,9 @@ pub struct UpperTriangle {
 
 impl UpperTriangle {
     /// The places of all numbers for a chain of poses of `P` variables, and landmarks of `D` after them: a pose's column
-    /// holds the pose before and its own triangle, a landmark's column the poses that saw it, in their order, and its own
-    /// triangle.
-    pub fn of_chain<const P: usize, const D: usize>(
+    /// holds the pose before and its own triangle, a landmark's column the first `S` variables of the poses that saw it, in
+    /// their order, and its own triangle.
+    pub fn of_chain<const P: usize, const S: usize, const D: usize>(
         poses: usize,
         seen_from: impl Iterator<Item = impl Iterator<Item = usize> + Clone>,
     ) -> Self {
@@ -30,7 +30,7 @@ impl UpperTriangle {
         for (landmark, seen_from) in seen_from.enumerate() {
             let own = P * poses + D * landmark;
             for c in 0..D {
-                upper.rows.extend(seen_from.clone().flat_map(|pose| P * pose..P * pose + P));
+                upper.rows.extend(seen_from.clone().flat_map(|pose| P * pose..P * pose + S));
                 upper.rows.extend(own..own + c + 1);
                 upper.column_starts.push(upper.rows.len());
             }

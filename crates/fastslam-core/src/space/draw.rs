@@ -2,7 +2,10 @@
 
 use super::graph::Solution;
 use super::map::Landmark;
-use super::pose::SpacePose;
+use super::past::Past;
+use super::pose::{SpacePose, Twist};
+use super::state::of_lane;
+use super::track::{self, REMEMBERED};
 use super::wide::{Wide, LANES};
 use crate::normal::Cholesky;
 use crate::random::Stream;
@@ -14,6 +17,22 @@ pub struct Drawn {
     pub pose: SpacePose<Wide>,
     /// Their landmarks, given the paths that they have drawn.
     pub landmarks: Vec<Landmark<Wide>>,
+    /// The end of their paths, as far as a velocity that wanders remembers it.
+    tail: Vec<SpacePose<Wide>>,
+}
+
+impl Drawn {
+    /// The mean velocity of a particle that has drawn this path.
+    pub fn velocity(&self, past: &Past, start: SpacePose, lane: usize) -> Twist {
+        let tail: Vec<SpacePose> = self.tail.iter().map(|pose| of_lane(pose, lane)).collect();
+        let first = past.scans.len() - tail.len();
+        let (before, poses) = match first {
+            0 => (start, tail.as_slice()),
+            _ => (tail[0], &tail[1..]),
+        };
+        let scans = &past.scans[past.scans.len() - poses.len()..];
+        track::along(scans, before, poses).last().copied().unwrap_or_default()
+    }
 }
 
 /// Draws of path and map for a block of particles, as distances from the mode.
@@ -36,17 +55,18 @@ pub fn whole(solution: &Solution, block: usize, stream: Stream) -> Vec<Wide> {
 /// With H the precision, landmark n given the path is N(μ_n − H_nn⁻¹ H_np δ, H_nn⁻¹) for a path that lies δ off the mode.
 pub fn draw(solution: &Solution, block: usize, stream: Stream) -> Option<Drawn> {
     let off = whole(solution, block, stream);
-    let poses = solution.at.poses.len();
-    let newest = 6 * poses.checked_sub(1)?;
-    let twist = std::array::from_fn(|i| off[newest + i]);
-    let pose = solution.at.poses[poses - 1].constant().compose(SpacePose::exp(twist));
+    let (poses, node) = (&solution.at.poses, solution.at.node());
+    let drawn = |k: usize| poses[k].constant().compose(SpacePose::exp(std::array::from_fn(|i| off[node * k + i])));
+    let pose = drawn(poses.len().checked_sub(1)?);
+    let remembered = if solution.at.velocities.is_empty() { 0 } else { REMEMBERED + 1 };
+    let tail = (poses.len().saturating_sub(remembered)..poses.len()).map(drawn).collect();
     let landmarks = (0..solution.at.landmarks.len()).map(|n| given_path(solution, n, &off)).collect::<Option<_>>()?;
-    Some(Drawn { pose, landmarks })
+    Some(Drawn { pose, landmarks, tail })
 }
 
 fn given_path(solution: &Solution, landmark: usize, off: &[Wide]) -> Option<Landmark<Wide>> {
     let upper = &solution.precision;
-    let first = 6 * solution.at.poses.len() + 3 * landmark;
+    let first = solution.at.first_of(landmark);
     let mut own = [[0.0; 3]; 3];
     let mut pull = [Wide::default(); 3];
     for c in 0..3 {

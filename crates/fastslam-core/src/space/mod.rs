@@ -25,12 +25,14 @@ pub mod settings;
 mod sighting;
 mod state;
 mod step;
+pub mod track;
+pub mod wander;
 pub mod wide;
 
 pub use estimate::{SpaceEstimate, SpaceLandmark};
 pub use pose::{Rotation, SpacePose, Twist};
 pub use run::{run, Columns, SpaceLog, SpaceRun};
-pub use settings::{SpaceConfig, SpaceSensorModel};
+pub use settings::{SpaceConfig, SpaceMotionKind, SpaceSensorModel};
 pub use sighting::SpaceSighting;
 pub use step::SpaceStep;
 
@@ -76,6 +78,17 @@ pub struct Smoothed {
     pub landmarks: Vec<SpaceLandmark>,
     /// What the residuals say of the noise, where the least squares had a solution.
     pub ratios: Option<Ratios>,
+    /// How well path and map are held together, where velocities wander and the least squares had a solution.
+    pub hold: Option<Hold>,
+}
+
+/// How well a path and a map are held together by what was seen alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hold {
+    /// χ² over its degrees of freedom.
+    pub misfit: f64,
+    /// [`Solution::shape_std_m`].
+    pub shape_std_m: f64,
 }
 
 impl<M: Spatial> SpaceSlam<M> {
@@ -90,18 +103,24 @@ impl<M: Spatial> SpaceSlam<M> {
         Ok(Self { config, model, seat, random, workers, state })
     }
 
-    /// Moves the robot by a velocity in its own axes (m/s, rad/s) that holds for `dt_s`.
+    /// Moves the robot by a velocity in its own axes (m/s, rad/s) that holds for `dt_s`; what `motion.kind` says is not
+    /// measured of it is not looked at.
     ///
     /// **Errors:** [`crate::error::Error::Input`] for one that no robot could have; the filter is then as it was.
     pub fn advance(&mut self, velocity: Twist, dt_s: f64) -> Result<()> {
-        let motion = SpaceMotion::of(&self.config.motion, velocity, dt_s)?;
+        let wandering = wander::wanders(self.config.motion.kind);
+        let measured = std::array::from_fn(|i| if wandering[i] { 0.0 } else { velocity[i] });
+        let motion = SpaceMotion::of(&self.config.motion, measured, dt_s)?;
         self.state.pending = self.state.pending.then(&motion);
+        if let Some(track) = &mut self.state.track {
+            track.dt_s += dt_s;
+        }
         Ok(())
     }
 
     /// Puts a pose on the path where nothing is seen, and returns it.
     pub fn glance(&mut self, stamp_s: f64) -> SpaceEstimate {
-        self.state.past.between.push((stamp_s, self.state.pending.mean));
+        self.state.past.between.push((stamp_s, self.state.moved(&self.config.motion).mean));
         self.predicted_pose()
     }
 
@@ -112,7 +131,7 @@ impl<M: Spatial> SpaceSlam<M> {
 
     /// Mean and covariance of the pose now.
     pub fn predicted_pose(&self) -> SpaceEstimate {
-        self.state.estimate.after(&self.state.pending)
+        self.state.estimate.after(&self.state.moved(&self.config.motion))
     }
 
     /// The map: moments over the particles.
@@ -126,7 +145,7 @@ impl<M: Spatial> SpaceSlam<M> {
         let Some(solution) = self.solve(TO_REPORT) else {
             let poses = self.best_path();
             let path = self.state.past.filled(self.config.initial_pose.pose(), &poses);
-            return Smoothed { path, landmarks: self.landmarks(), ratios: None };
+            return Smoothed { path, landmarks: self.landmarks(), ratios: None, hold: None };
         };
         let path = self.state.past.filled(self.config.initial_pose.pose(), &solution.at.poses);
         let place = |n: usize| crate::normal::Normal {
@@ -141,15 +160,44 @@ impl<M: Spatial> SpaceSlam<M> {
         });
         let stream = self.random.stream(Purpose::Rejuvenation, u64::from(u32::MAX));
         let ratios = learn::ratios(&self.problem(), &solution, stream);
-        Smoothed { path, landmarks: landmarks.collect(), ratios }
+        Smoothed { path, landmarks: landmarks.collect(), ratios, hold: self.hold(&solution) }
     }
 
-    /// The least squares over all that happened, from the likeliest particle on.
+    fn hold(&self, solution: &Solution) -> Option<Hold> {
+        self.state.track.as_ref()?;
+        let (seen, places) = (self.state.past.sightings.len(), solution.at.landmarks.len());
+        // The motion has as many residuals as poses and velocities have variables.
+        let degrees = 3.0 * (seen.checked_sub(places).filter(|left| *left > 0)? as f64);
+        Some(Hold { misfit: solution.cost / degrees, shape_std_m: solution.shape_std_m()? })
+    }
+
+    /// The least squares over all that happened, from the likeliest particle on; where velocities wander, from what it found
+    /// last too, and the better of the two.
+    ///
+    /// **Why:** after a blind stretch particles lie far apart, and the likeliest of those that were just drawn may lie where
+    /// the least squares finds another minimum.
     fn solve(&self, close_enough: f64) -> Option<Solution> {
         let best = self.state.best();
         let landmarks = self.state.slots.iter().map(|slot| slot.of(best).mean).collect();
-        let guess = Guess { poses: self.best_path(), landmarks };
-        self.problem().solve(guess, close_enough)
+        let likeliest = self.guess(self.best_path(), landmarks);
+        let found = self.problem().solve(likeliest, close_enough);
+        let Some(track) = &self.state.track else { return found };
+        let mut landmarks = track.mode.landmarks.clone();
+        let new = self.state.slots[landmarks.len()..].iter();
+        landmarks.extend(new.map(|slot| estimate::landmark(slot, &self.state.weights.values).place.mean));
+        let again = self.problem().solve(self.guess(track.mode.poses.clone(), landmarks), close_enough);
+        match (found, again) {
+            (Some(found), Some(again)) => Some(if again.cost <= found.cost { again } else { found }),
+            (found, again) => found.or(again),
+        }
+    }
+
+    fn guess(&self, poses: Vec<SpacePose>, landmarks: Vec<[f64; 3]>) -> Guess {
+        let velocities = match self.state.track {
+            Some(_) => track::along(&self.state.past.scans, self.config.initial_pose.pose(), &poses),
+            None => Vec::new(),
+        };
+        Guess { poses, velocities, landmarks }
     }
 
     fn problem(&self) -> Problem<'_, M> {

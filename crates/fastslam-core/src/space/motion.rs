@@ -77,14 +77,17 @@ mod tests {
     use super::*;
     use crate::space::matrix::multiply_transposed;
 
-    const NOISE: SpaceMotionNoise =
-        SpaceMotionNoise { position_std_m_per_sqrt_s: [0.05, 0.04, 0.0], turn_std_rad_per_sqrt_s: [0.1, 0.2, 0.4] };
+    fn noise() -> SpaceMotionNoise {
+        let (position_std_m_per_sqrt_s, turn_std_rad_per_sqrt_s) = ([0.05, 0.04, 0.0], [0.1, 0.2, 0.4]);
+        SpaceMotionNoise { position_std_m_per_sqrt_s, turn_std_rad_per_sqrt_s, ..SpaceMotionNoise::default() }
+    }
+
     const VELOCITY: Twist = [0.3, -0.1, 0.05, 0.2, -0.4, 0.7];
 
     #[test]
     fn parts_of_a_row_make_the_whole() {
-        let whole = SpaceMotion::of(&NOISE, VELOCITY, 0.4).unwrap();
-        let part = SpaceMotion::of(&NOISE, VELOCITY, 0.1).unwrap();
+        let whole = SpaceMotion::of(&noise(), VELOCITY, 0.4).unwrap();
+        let part = SpaceMotion::of(&noise(), VELOCITY, 0.1).unwrap();
         let made = (0..4).fold(SpaceMotion::default(), |sum, _| sum.then(&part));
         assert!(whole.mean.inverse().compose(made.mean).log().iter().all(|v| v.abs() < 1e-12));
         // A row errs by one velocity all along, its parts by one each: of what an error of a turn, 0.4 √T at most, makes of
@@ -99,7 +102,7 @@ mod tests {
     #[test]
     fn the_root_of_a_flat_covariance_is_one() {
         for dt_s in [0.0, 0.1, 2.0] {
-            let motion = SpaceMotion::of(&NOISE, VELOCITY, dt_s).unwrap();
+            let motion = SpaceMotion::of(&noise(), VELOCITY, dt_s).unwrap();
             let root = motion.root();
             let square = multiply_transposed(&root, &root);
             for i in 0..6 {
@@ -113,7 +116,7 @@ mod tests {
     #[test]
     fn what_no_robot_does_is_refused() {
         for (velocity, dt_s) in [([f64::NAN; 6], 0.1), ([0.0; 6], -0.1), ([1e7; 6], 0.1), ([9e5; 6], 1.0)] {
-            assert!(SpaceMotion::of(&NOISE, velocity, dt_s).is_err(), "{velocity:?} {dt_s}");
+            assert!(SpaceMotion::of(&noise(), velocity, dt_s).is_err(), "{velocity:?} {dt_s}");
         }
     }
 }

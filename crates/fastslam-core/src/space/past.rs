@@ -3,6 +3,7 @@
 use super::map::Measured;
 use super::motion::SpaceMotion;
 use super::pose::SpacePose;
+use super::wander::Leg;
 use crate::normal::{Cholesky, Matrix};
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +21,8 @@ pub struct Scan {
     pub information: Matrix<6, 6>,
     /// Poses between the scan before and this one: stamps, and motions since the scan before.
     pub between: Vec<(f64, SpacePose)>,
+    /// How it was reached where velocities wander; motion and information are then not those of the least squares.
+    pub leg: Option<Leg>,
 }
 
 /// A sighting of the past.
@@ -46,12 +49,12 @@ pub struct Past {
 
 impl Past {
     /// A scan was made after a motion. `None` where the motion's covariance is none.
-    pub fn push(&mut self, stamp_s: f64, motion: &SpaceMotion) -> Option<()> {
+    pub fn push(&mut self, stamp_s: f64, motion: &SpaceMotion, leg: Option<Leg>) -> Option<()> {
         let mut covariance = motion.covariance;
         (0..6).for_each(|i| covariance[i][i] += LEAST_VARIANCE);
         let information = Cholesky::of(&covariance)?.inverse();
         let between = std::mem::take(&mut self.between);
-        self.scans.push(Scan { stamp_s, motion: motion.mean, information, between });
+        self.scans.push(Scan { stamp_s, motion: motion.mean, information, between, leg });
         Some(())
     }
 

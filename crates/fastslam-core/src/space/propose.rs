@@ -13,6 +13,9 @@ use crate::real::Real;
 
 /// A turn that a scan is linearised about once.
 const SMALL_TURN_RAD: f64 = 0.02;
+/// A turn of which nobody tells the size, and passes over a scan after it.
+const WIDE_TURN_RAD: f64 = 0.1;
+const WIDE_PASSES: usize = 5;
 
 /// What all particles look at, and with what.
 pub struct Scene<'a, M> {
@@ -26,10 +29,9 @@ pub struct Scene<'a, M> {
     pub slots: &'a [Slot],
 }
 
-/// The motion since the last scan, as the passes over particles need it.
+/// How surely particles moved since the last scan, as the passes over them need it.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
-    mean: SpacePose,
     /// L with L Lᵀ = P: the noise is ξ = L ε, ε ~ N(0, I), so that P may be flat.
     root: Matrix<6, 6>,
     passes: usize,
@@ -39,11 +41,18 @@ impl From<&SpaceMotion> for Motion {
     fn from(motion: &SpaceMotion) -> Self {
         let turn = (3..6).map(|i| motion.covariance[i][i]).fold(0.0, f64::max).sqrt();
         let passes = if turn > SMALL_TURN_RAD { 2 } else { 1 };
-        Self { mean: motion.mean, root: motion.root(), passes }
+        Self { root: motion.root(), passes }
     }
 }
 
 impl Motion {
+    /// Of a robot that may have turned so far that a scan is linearised about where it was expected only at first.
+    pub fn unsure(motion: &SpaceMotion) -> Self {
+        let turn = (3..6).map(|i| motion.covariance[i][i]).fold(0.0, f64::max).sqrt();
+        let short = Self::from(motion);
+        Self { passes: if turn > WIDE_TURN_RAD { WIDE_PASSES } else { short.passes }, ..short }
+    }
+
     /// L v.
     #[inline(always)]
     fn spread<R: Real>(&self, v: &[R; 6]) -> Twist<R> {
@@ -134,9 +143,8 @@ impl Proposal {
     /// **Source:** `montemerlo2003fastslam2`, equations 9 to 15, with all sightings of a scan at once: landmarks are
     /// independent given the pose. The evidence is that of the linear model, equation 19.
     #[inline(always)]
-    pub fn of<M: Spatial>(scene: &Scene<'_, M>, from: SpacePose<Wide>, block: usize) -> Self {
+    pub fn of<M: Spatial>(scene: &Scene<'_, M>, predicted: SpacePose<Wide>, block: usize) -> Self {
         let Scene { eye, motion, known, slots } = scene;
-        let predicted = from.compose(motion.mean.constant());
         let (mut noise, mut pose) = ([Wide::constant(0.0); 6], predicted);
         let mut pass = 0;
         loop {

@@ -2,7 +2,8 @@
 
 use super::sensor::{Model, Spatial};
 use super::{
-    Smoothed, SpaceConfig, SpaceEstimate, SpaceLandmark, SpacePose, SpaceSighting, SpaceSlam, SpaceStep, Twist,
+    Smoothed, SpaceConfig, SpaceEstimate, SpaceLandmark, SpaceMotionKind, SpacePose, SpaceSighting, SpaceSlam,
+    SpaceStep, Twist,
 };
 use crate::error::{Error, Result};
 use crate::limits::LONGEST_S;
@@ -84,6 +85,7 @@ struct Runner<M> {
     /// Of the row that holds.
     row: usize,
     period_s: f64,
+    kind: SpaceMotionKind,
     stamp_s: Vec<f64>,
     live: Vec<SpaceEstimate>,
     steps: Columns,
@@ -96,6 +98,7 @@ impl<M: Spatial> Runner<M> {
             time_s: f64::NEG_INFINITY,
             row: 0,
             period_s: config.filter.path_period_s,
+            kind: config.motion.kind,
             stamp_s: Vec::new(),
             live: Vec::new(),
             steps: Vec::new(),
@@ -116,7 +119,8 @@ impl<M: Spatial> Runner<M> {
                 break;
             }
         }
-        if let (false, Some(last_s)) = (interrupted, log.row_stamp_s.last()) {
+        let rows_count = self.kind != SpaceMotionKind::Wandering;
+        if let (false, true, Some(last_s)) = (interrupted, rows_count, log.row_stamp_s.last()) {
             self.advance(log, *last_s)?;
         }
         let (smoothed, landmarks) = (self.filter.smoothed(), self.filter.landmarks());
@@ -126,6 +130,33 @@ impl<M: Spatial> Runner<M> {
 
     /// Moves the robot to a time, with poses on the way where the last one is long past.
     fn advance(&mut self, log: &SpaceLog, until_s: f64) -> Result<()> {
+        // Where velocities wander, the first scan is where the robot starts.
+        if self.kind != SpaceMotionKind::Odometry && self.steps.is_empty() {
+            self.time_s = until_s;
+        }
+        match self.kind {
+            SpaceMotionKind::Wandering => self.drift(until_s),
+            SpaceMotionKind::Odometry | SpaceMotionKind::Gyro => self.follow(log, until_s),
+        }
+    }
+
+    /// With nothing measured.
+    fn drift(&mut self, until_s: f64) -> Result<()> {
+        while self.time_s < until_s {
+            let next_s =
+                if until_s - self.time_s > 1.5 * self.period_s { self.time_s + self.period_s } else { until_s };
+            self.filter.advance([0.0; 6], next_s - self.time_s)?;
+            self.time_s = next_s;
+            if next_s < until_s {
+                let estimate = self.filter.glance(next_s);
+                self.note(next_s, estimate, SpaceStep::default());
+            }
+        }
+        Ok(())
+    }
+
+    /// By the rows of a log.
+    fn follow(&mut self, log: &SpaceLog, until_s: f64) -> Result<()> {
         let Some(first_s) = log.row_stamp_s.first() else { return Ok(()) };
         self.time_s = self.time_s.max(first_s.min(until_s));
         while self.time_s < until_s {

@@ -13,7 +13,7 @@ pub struct SpaceConfig {
     pub seed: u64,
     /// Particles, resampling, draws.
     pub filter: SpaceFilter,
-    /// How surely the robot moves as its velocities say.
+    /// What is measured of the robot's motion, and how surely.
     pub motion: SpaceMotionNoise,
     /// What the robot sees with.
     pub sensor: SpaceSensor,
@@ -53,19 +53,65 @@ impl Default for SpaceFilter {
     }
 }
 
-/// Noise of the velocities in the robot's own axes, as it grows with the root of time.
+/// What is measured of the robot's motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SpaceMotionKind {
+    /// Velocities along and about all axes.
+    #[default]
+    Odometry,
+    /// Velocities about the axes; those along them wander.
+    Gyro,
+    /// Nothing: all velocities wander.
+    Wandering,
+}
+
+/// Motion in the robot's own axes: noise of the velocities that are measured, as it grows with the root of time, and how
+/// those wander that are not.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SpaceMotionNoise {
-    /// Of the way along x, y, z after one second. A velocity that errs by s in rows of d seconds makes s √d.
+    /// What is measured.
+    pub kind: SpaceMotionKind,
+    /// `odometry`: of the way along x, y, z after one second. A velocity that errs by s in rows of d seconds makes s √d.
     pub position_std_m_per_sqrt_s: [f64; 3],
-    /// Of the turn about x, y, z after one second.
+    /// `odometry`, `gyro`: of the turn about x, y, z after one second.
     pub turn_std_rad_per_sqrt_s: [f64; 3],
+    /// `gyro`, `wandering`: how fast the robot is along x, y, z, as a standard deviation over its way.
+    pub velocity_std_m_per_s: [f64; 3],
+    /// `wandering`: how fast it turns about x, y, z.
+    pub rate_std_rad_per_s: [f64; 3],
+    /// `gyro`, `wandering`: the time after which a velocity has kept a third of what it was.
+    pub velocity_time_s: f64,
 }
 
 impl Default for SpaceMotionNoise {
     fn default() -> Self {
-        Self { position_std_m_per_sqrt_s: [0.02; 3], turn_std_rad_per_sqrt_s: [0.02; 3] }
+        Self {
+            kind: SpaceMotionKind::default(),
+            position_std_m_per_sqrt_s: [0.02; 3],
+            turn_std_rad_per_sqrt_s: [0.02; 3],
+            velocity_std_m_per_s: [0.5; 3],
+            rate_std_rad_per_s: [0.5; 3],
+            velocity_time_s: 2.0,
+        }
+    }
+}
+
+impl SpaceMotionNoise {
+    fn validate(&self) -> Result<()> {
+        for (key, values) in [
+            ("position_std_m_per_sqrt_s", self.position_std_m_per_sqrt_s),
+            ("turn_std_rad_per_sqrt_s", self.turn_std_rad_per_sqrt_s),
+        ] {
+            values.into_iter().try_for_each(|value| non_negative(key, value).map(drop))?;
+        }
+        for (key, values) in
+            [("velocity_std_m_per_s", self.velocity_std_m_per_s), ("rate_std_rad_per_s", self.rate_std_rad_per_s)]
+        {
+            values.into_iter().try_for_each(|value| positive(key, value).map(drop))?;
+        }
+        positive("velocity_time_s", self.velocity_time_s).map(drop)
     }
 }
 
@@ -199,12 +245,7 @@ impl SpaceConfig {
     /// Errors that name the first key out of range.
     pub fn validate(&self) -> Result<()> {
         self.filter.validate().map_err(|e| e.within("filter"))?;
-        for (key, values) in [
-            ("motion.position_std_m_per_sqrt_s", self.motion.position_std_m_per_sqrt_s),
-            ("motion.turn_std_rad_per_sqrt_s", self.motion.turn_std_rad_per_sqrt_s),
-        ] {
-            values.into_iter().try_for_each(|value| non_negative(key, value).map(drop))?;
-        }
+        self.motion.validate().map_err(|e| e.within("motion"))?;
         self.sensor.validate().map_err(|e| e.within("sensor"))?;
         self.initial_pose.validate().map_err(|e| e.within("initial_pose"))
     }

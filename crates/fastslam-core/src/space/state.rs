@@ -5,7 +5,9 @@ use super::map::Slot;
 use super::motion::SpaceMotion;
 use super::past::Past;
 use super::pose::SpacePose;
-use super::settings::SpaceConfig;
+use super::settings::{SpaceConfig, SpaceMotionKind, SpaceMotionNoise};
+use super::track::{self, Track};
+use super::wander::Ahead;
 use super::wide::{Wide, LANES};
 use crate::path::PathForest;
 use crate::weights::Weights;
@@ -27,6 +29,8 @@ pub struct State {
     pub slot_of: FxHashMap<u32, u32>,
     /// Motion since the poses were last sampled.
     pub pending: SpaceMotion,
+    /// Velocities of the particles, where they wander; [`State::pending`] is then what was measured.
+    pub track: Option<Track>,
     /// Paths of the particles, a pose per scan.
     pub path: PathForest<SpacePose>,
     /// What the least squares is over.
@@ -62,6 +66,7 @@ impl State {
             slots: Vec::new(),
             slot_of: FxHashMap::default(),
             pending: SpaceMotion::default(),
+            track: (config.motion.kind != SpaceMotionKind::Odometry).then(|| Track::new(&config.motion, count)),
             path: PathForest::new(count),
             past: Past::default(),
             estimate: SpaceEstimate { mean: start, covariance: [[0.0; 6]; 6] },
@@ -72,6 +77,19 @@ impl State {
     /// Number of particles.
     pub fn particles(&self) -> usize {
         self.log_weight.len()
+    }
+
+    /// Where the next scan is looked for, if velocities wander.
+    pub fn ahead(&self, noise: &SpaceMotionNoise) -> Option<Ahead> {
+        Some(self.track.as_ref()?.ahead(noise, &self.pending, self.past.scans.is_empty()))
+    }
+
+    /// The motion since the last scan: of all particles together where their velocities differ.
+    pub fn moved(&self, noise: &SpaceMotionNoise) -> SpaceMotion {
+        let (Some(track), Some(ahead)) = (&self.track, self.ahead(noise)) else { return self.pending };
+        let [velocity, spread] = track.moments(&self.weights.values);
+        let way = std::array::from_fn(|i| ahead.way[i] + ahead.leg.reach_s[i].powi(2) * spread[i]);
+        track::motion(&ahead.leg, &velocity, &way)
     }
 
     /// The likeliest particle.

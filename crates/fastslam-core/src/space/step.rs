@@ -10,7 +10,9 @@ use super::pose::SpacePose;
 use super::propose::{Motion, Proposal, Scene};
 use super::sensor::Spatial;
 use super::sighting::{merged, usable, SpaceSighting};
-use super::state::{column, of_lane};
+use super::state::{column, of_lane, State};
+use super::track;
+use super::wander::Ahead;
 use super::wide::{Wide, LANES};
 use super::{SpaceSlam, TO_DRAW};
 use crate::error::{Error, Result};
@@ -78,11 +80,13 @@ impl<M: Spatial> SpaceSlam<M> {
             info.effective_sample_size = self.state.weights.effective_sample_size;
             return Ok(info);
         }
-        let motion = Motion::from(&self.state.pending);
-        let (outcome, estimate) = self.outcome(&motion, &scan, &mut info)?;
+        let ahead = self.state.ahead(&self.config.motion);
+        let (outcome, estimate) = self.outcome(ahead.as_ref(), &scan, &mut info)?;
         self.check_numbers(&outcome, &estimate)?;
         let flat = Error::NotPositiveDefinite { step: self.state.counters.steps, what: "the motion's covariance" };
-        self.state.past.push(stamp_s, &self.state.pending).ok_or(flat)?;
+        let moved = self.state.moved(&self.config.motion);
+        self.state.past.push(stamp_s, &moved, ahead.map(|ahead| ahead.leg)).ok_or(flat)?;
+        self.follow(ahead.as_ref(), &outcome);
         self.adopt(stamp_s, outcome, estimate);
         self.remember(&scan);
         info.drawn = self.draw_is_due() && self.draw_anew();
@@ -103,8 +107,10 @@ impl<M: Spatial> SpaceSlam<M> {
     /// Fully adapted: the weight does not depend on the sampled pose, so that poses are sampled after resampling.
     ///
     /// **Source:** `montemerlo2003fastslam2`, equations 7 to 19.
-    fn outcome(&self, motion: &Motion, scan: &Scan, info: &mut SpaceStep) -> Result<(Outcome, SpaceEstimate)> {
-        let mut proposals = self.propose(motion, scan); // s_t ~ N(μ_s, Σ_s), eq. 9 to 15
+    fn outcome(&self, ahead: Option<&Ahead>, scan: &Scan, info: &mut SpaceStep) -> Result<(Outcome, SpaceEstimate)> {
+        let (motion, predicted) = self.predict(ahead);
+        let motion = &motion;
+        let mut proposals = self.propose(motion, predicted, scan); // s_t ~ N(μ_s, Σ_s), eq. 9 to 15
         let (mut log_weight, mut weights) = self.weigh(&proposals, scan, info)?; // p(z), eq. 19
         let estimate = self.estimate(motion, &proposals, &weights);
         let ancestors = self.resample(&weights, &log_weight);
@@ -121,8 +127,28 @@ impl<M: Spatial> SpaceSlam<M> {
         Ok((Outcome { weights, log_weight, ancestors, poses, corrected, born }, estimate))
     }
 
-    fn propose(&self, motion: &Motion, scan: &Scan) -> Vec<Proposal> {
-        let poses = &self.state.poses;
+    /// How surely the particles moved, and where they are without the scan.
+    fn predict(&self, ahead: Option<&Ahead>) -> (Motion, Vec<SpacePose<Wide>>) {
+        let state = &self.state;
+        let mut poses = state.poses.clone();
+        let (Some(track), Some(ahead)) = (&state.track, ahead) else {
+            poses.iter_mut().for_each(|pose| *pose = pose.compose(state.pending.mean.constant()));
+            return (Motion::from(&state.pending), poses);
+        };
+        for (block, velocities) in track.velocity.chunks(LANES).enumerate() {
+            let mut way = [Wide::default(); 6];
+            for (lane, velocity) in velocities.iter().enumerate() {
+                let own = ahead.leg.way(velocity);
+                (0..6).for_each(|i| way[i].0[lane] = own[i]);
+            }
+            poses[block] = poses[block].compose(SpacePose::exp(way));
+        }
+        let [velocity, _] = track.moments(&state.weights.values);
+        (Motion::unsure(&track::motion(&ahead.leg, &velocity, &ahead.way)), poses)
+    }
+
+    fn propose(&self, motion: &Motion, predicted: Vec<SpacePose<Wide>>, scan: &Scan) -> Vec<Proposal> {
+        let poses = &predicted;
         let mut out: Vec<Proposal> = poses.iter().map(|pose| Proposal::at(*pose)).collect();
         let scene = Scene { eye: self.eye(), motion, known: &scan.known, slots: &self.state.slots };
         self.workers.share(out.as_mut_slice(), PART, &|first, part: &mut [Proposal]| {
@@ -257,6 +283,14 @@ impl<M: Spatial> SpaceSlam<M> {
         Ok(())
     }
 
+    /// The velocities of the particles, from the ways to where they were sampled.
+    fn follow(&mut self, ahead: Option<&Ahead>, outcome: &Outcome) {
+        let State { track, poses, .. } = &mut self.state;
+        let (Some(track), Some(ahead)) = (track, ahead) else { return };
+        let of = |poses: &[SpacePose<Wide>], i: usize| of_lane(&poses[i / LANES], i % LANES);
+        track.go(ahead, outcome.ancestors.as_deref(), |from, i| (of(poses, from), of(&outcome.poses, i)));
+    }
+
     fn adopt(&mut self, stamp_s: f64, outcome: Outcome, estimate: SpaceEstimate) {
         let state = &mut self.state;
         let Outcome { weights, log_weight, ancestors, poses, corrected, born } = outcome;
@@ -275,6 +309,9 @@ impl<M: Spatial> SpaceSlam<M> {
         }
         (state.weights, state.log_weight, state.poses) = (weights, log_weight, poses);
         (state.estimate, state.pending) = (estimate, SpaceMotion::default());
+        if let Some(track) = &mut state.track {
+            track.mode.poses.push(estimate.mean);
+        }
         state.counters.steps += 1;
         let poses = &state.poses;
         state.path.extend(stamp_s, &self.workers, |i| of_lane(&poses[i / LANES], i % LANES));
@@ -310,6 +347,11 @@ impl<M: Spatial> SpaceSlam<M> {
             slot.replace(drawn.iter().map(|block| block.landmarks[n]).collect());
         }
         state.poses = drawn.iter().map(|block| block.pose).collect();
+        if let Some(track) = &mut state.track {
+            let of = |i: usize| drawn[i / LANES].velocity(&state.past, self.config.initial_pose.pose(), i % LANES);
+            track.velocity = (0..state.log_weight.len()).map(of).collect();
+            track.mode = solution.at.clone();
+        }
         let poses = &state.poses;
         state.path.replace(&solution.at.poses, |i| of_lane(&poses[i / LANES], i % LANES));
         state.log_weight.fill(0.0);
