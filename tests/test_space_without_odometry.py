@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cli_runner import fastslam
-from fastslam.errors import ConfigError
-from fastslam.space import SpaceLog, evaluate, load, run
+from fastslam.errors import ConfigError, DataError
+from fastslam.space import SpaceLog, evaluate, load, matches, run
+from fastslam.space.evaluation import matrices
 from fastslam.space.learning import learn
 from fastslam.space.log import WITHOUT_ODOMETRY
 from fastslam.space.native_write import write_native
 from fastslam.space.simulation import MOTIONS, simulate
+from fastslam.space.starloc import EXCHANGED, PIXEL_STD
 from fastslam.space.verdict import is_unsound
 
 TAGS = "time_s,apriltag_id,left_u,left_v,right_u,right_v"
@@ -102,3 +104,95 @@ def test_the_command_simulates_and_runs_one(tmp_path: Path) -> None:
     for key, value in (("velocity_std_m_per_s", "[0, 1, 1]"), ("velocity_time_s", "0")):
         refused = fastslam("run", str(path), "--out", str(tmp_path / "out"), "--set", f"motion.{key}={value}")
         refused.assert_one_line_error(exit_code=2, contains=f"motion.{key}")
+
+
+def write_run(
+    folder: Path, tags: str, optics: str = '{"fu": 500, "fv": 500, "cu": 300, "cv": 200, "b": 0.1}'
+) -> Path:
+    folder.mkdir(parents=True)
+    (folder / "apriltag.csv").write_text(f"{TAGS}\n{tags}\n")
+    (folder / "calib.json").write_text(optics)
+    return folder
+
+
+def test_pixels_of_a_run_of_starloc_are_points_with_covariances(tmp_path: Path) -> None:
+    folder = write_run(tmp_path / "run", "0.5,7,400,300,380,300\n0.25,3,350,210,325,210")
+    assert matches(folder) == "starloc"
+    log = load(folder)
+    # 500 px times 0.1 m over 25 px and over 20 px, in the order of time.
+    assert log.names == ("3", "7") and log.identity.tolist() == [0, 1] and log.truth is not None
+    assert log.value == pytest.approx(np.array([[0.2, 0.04, 2.0], [0.5, 0.5, 2.5]]))
+    assert log.covariance is not None and log.motion == "wandering" and not len(log.row_stamp_s)
+    depth_std = 2.5**2 / (500 * 0.1) * PIXEL_STD[2]
+    assert np.sqrt(log.covariance[1, 5]) == pytest.approx(depth_std)
+    across = (2.5 / 500 * PIXEL_STD[0]) ** 2 + (0.5 / 2.5 * depth_std) ** 2
+    assert log.covariance[1, 0] == pytest.approx(across)
+
+
+@pytest.mark.parametrize(
+    ("tags", "optics", "message"),
+    [
+        ("0.5,7,400,300,410,300", None, "a tag lies behind the cameras"),
+        ("0.5,7,400,300,380,", None, "right_v"),
+        ("0.5,7,400,300,380,300", "{", "is malformed"),
+        ("0.5,7,400,300,380,300", '{"fu": 500}', "is malformed"),
+    ],
+)
+def test_faults_of_a_run_of_starloc_are_named(
+    tags: str, optics: str | None, message: str, tmp_path: Path
+) -> None:
+    folder = write_run(tmp_path / "run", tags, **({} if optics is None else {"optics": optics}))
+    with pytest.raises(DataError, match=message):
+        load(folder)
+
+
+def test_starloc_is_read_with_its_traps(data_dir: Path) -> None:
+    runs = {
+        name: load(data_dir / "starloc" / "data" / f"loop-2d{name}") for name in ("_s4", "-v2_s5", "-fast_s1")
+    }
+    assert {name: (len(log.value), len(log.names)) for name, log in runs.items()} == {
+        "_s4": (1087, 42),
+        "-v2_s5": (1538, 49),
+        "-fast_s1": (136, 17),
+    }
+    fast = runs["-fast_s1"]
+    assert fast.motion == "gyro" and runs["_s4"].motion == "wandering" and not len(runs["_s4"].row_stamp_s)
+    truth = fast.truth
+    assert truth is not None and EXCHANGED == {"v1": (35, 36)}
+    height = {name: place[2] for name, place in zip(truth.names, truth.position_m, strict=True)}
+    assert height["35"] == pytest.approx(1.677, abs=1e-3) and height["36"] == pytest.approx(0.927, abs=1e-3)
+    # True poses turn the camera's points into the world: tags lie where they were surveyed, to calibration.
+    stamps = dict(zip(truth.stamp_s.tolist(), truth.T_world_robot, strict=True))
+    off = []
+    for stamp_s, value, identity in zip(fast.sighting_stamp_s, fast.value, fast.identity, strict=True):
+        pose = stamps[float(stamp_s)]
+        seen = matrices(pose[None, 3:])[0] @ value + pose[:3]
+        off.append(np.linalg.norm(seen - truth.position_m[truth.names.index(fast.names[identity])]))
+    assert len(off) == 136 and np.median(off) < 0.3
+    # By its own clock the gyro would begin a second and a half later.
+    assert abs(fast.row_stamp_s[0] - fast.sighting_stamp_s[0]) < 0.3
+    assert sum(problem.count for problem in runs["-v2_s5"].problems) == 2
+
+
+def test_a_fast_run_of_starloc_is_lost_without_its_gyro_alone(data_dir: Path) -> None:
+    log = load(data_dir / "starloc" / "data" / "loop-2d-fast_s1")
+    with_gyro, without = (run(log, {"motion": {"kind": kind}}) for kind in ("gyro", "wandering"))
+    assert is_unsound(without) and not is_unsound(with_gyro)
+    assert with_gyro.hold is not None and without.hold is not None
+    assert with_gyro.hold.shape_std_m < 0.4 < 0.6 < without.hold.shape_std_m
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "bars"), [("loop-2d_s4", (0.45, 0.10, 0.16)), ("loop-2d-v2_s5", (0.40, 0.15, 0.14))]
+)
+def test_starloc_without_gyro_is_as_good_as_an_incremental_solver(
+    name: str, bars: tuple[float, float, float], data_dir: Path
+) -> None:
+    log = load(data_dir / "starloc" / "data" / name)
+    result = run(log)
+    metrics = evaluate(result, log)
+    assert not is_unsound(result)
+    names = ("path.live.aligned.position", "path.smoothed.aligned.position", "map.aligned")
+    for metric, bar in zip(names, bars, strict=True):
+        assert metrics[f"{metric}_rmse_m"] < bar

@@ -1,9 +1,9 @@
-"""Measures runs in space without odometry: STAR-loc with defaults, with its gyro and without, and simulated walks.
+"""Measures runs in space without odometry: STAR-loc with its gyro and without, and simulated walks.
 
     python experiments/space/starloc.py [--seeds 3] [--workers N] [--out docs/space-without-odometry.md]
 
-STAR-loc is read from the folder that the environment variable FASTSLAM_DATA names (default: `../shared/data`).
-With `--out` the table takes the place of that which the page has between its marks.
+STAR-loc is read from the folder that the environment variable FASTSLAM_DATA names (default:
+`../shared/data`). With `--out` the table takes the place of that which the page has between its marks.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FIGURES = {
 
 
 def measure(task: tuple[str, str, int]) -> list[float]:
-    """The figures of one run, how surely landmarks are held to each other, and whether it is said to be lost."""
+    """The figures of one run, how surely landmarks are held, and whether it is said to be lost."""
     name, motion, seed = task
     if name == "simulated":
         log = simulate(motion=motion, seed=seed)
@@ -49,7 +49,7 @@ def measure(task: tuple[str, str, int]) -> list[float]:
 
 
 def table(rows: list[np.ndarray]) -> str:
-    """Medians over the seeds with the worst in brackets, and of how many runs it is said that they are lost."""
+    """Medians over the seeds with the worst in brackets, and how many runs are said to be lost."""
     heads = ["log", "gyro", *FIGURES.values(), "landmarks held to [m]", "said to be lost"]
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for (name, motion), runs in zip(RUNS, rows, strict=True):

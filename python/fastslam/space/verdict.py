@@ -65,7 +65,8 @@ def _hold(result: SpaceResult) -> list[str]:
         return _fit(float("nan"), "path")
     if result.hold is None:
         return [f"{_LOST}no path explains the sightings"]
-    found = _fit(result.hold.misfit, "path")
+    # Settings are for any camera: one that moves less than they say explains more than it should.
+    found = _fit(max(result.hold.misfit, 1.0), "path")
     if result.hold.shape_std_m > WIDEST_SHAPE_M:
         found.append(
             f"{_LOST}sightings alone hold the landmarks to {result.hold.shape_std_m:.2f} m of each other: "
