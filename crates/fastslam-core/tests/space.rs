@@ -61,7 +61,9 @@ impl World {
         world.config.motion.rate_std_rad_per_s = [0.2, 0.3, 0.4];
         world.config.motion.velocity_time_s = 1.0;
         world.config.filter.draw_every_scans = 1;
-        world.config.filter.draw_fraction = 0.05;
+        world.config.filter.draw_fraction = 0.0;
+        world.config.filter.particles = 20;
+        world.steps = 40;
         world
     }
 
@@ -211,7 +213,6 @@ fn as_sure_as_they_should_be(world: &World) {
         let off = apart(live.mean, simulated.poses[last]);
         let factor = Cholesky::of(&live.covariance).unwrap();
         pose += factor.whitened(&off).iter().map(|v| v * v).sum::<f64>();
-        println!("DBG {seed} {:?} last {last} n {} dof {:?}", factor.whitened(&off).iter().map(|v| v * v).sum::<f64>(), run.stamp_s.len(), run.steps[run.steps.len()-8..].iter().map(|s| s.degrees_of_freedom).collect::<Vec<_>>());
         // One landmark a seed: those of one run err together.
         let one = &run.smoothed.landmarks[seed as usize % run.smoothed.landmarks.len()];
         let truth = world.landmarks[one.identity as usize];
@@ -259,7 +260,7 @@ fn without_odometry_the_first_scan_is_the_start_and_gaps_are_bridged() {
         let world = World::without_odometry(kind);
         let mut simulated = world.simulate(7);
         let kept: Vec<usize> = (0..simulated.log.sightings.len())
-            .filter(|i| !(2.95..3.45).contains(&simulated.log.sighting_stamp_s[*i]))
+            .filter(|i| !(1.95..2.45).contains(&simulated.log.sighting_stamp_s[*i]))
             .collect();
         simulated.log.sightings = kept.iter().map(|i| simulated.log.sightings[*i]).collect();
         simulated.log.sighting_stamp_s = kept.iter().map(|i| simulated.log.sighting_stamp_s[*i]).collect();
@@ -280,7 +281,7 @@ fn without_odometry_the_first_scan_is_the_start_and_gaps_are_bridged() {
             }
         }
         // A look is off by 5 cm: that of some at once is no more, twice as much where nothing is seen.
-        assert!(count > 75.0 && (off / count).sqrt() < 0.1, "{kind:?}: {} of {count}", (off / count).sqrt());
+        assert!(count > 35.0 && (off / count).sqrt() < 0.1, "{kind:?}: {} of {count}", (off / count).sqrt());
     }
 }
 
