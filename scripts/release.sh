@@ -45,6 +45,8 @@ build() {
     rm -rf "$work/source"
     mkdir -p "$work/source"
     tar -xzf "$out"/fastslam-*.tar.gz -C "$work/source" --strip-components=1
+    # Of what is compiled into the wheels.
+    python3 scripts/notices.py "$work/source/LICENSE-THIRD-PARTY"
 
     # From the source distribution, so that nothing is missing in it; its lock file names crates that it leaves out. The
     # wheels hold no instructions of this machine alone.
@@ -67,6 +69,7 @@ check_glibc() {
         newest=$(readelf --wide --version-info "$work/_core.so" | grep -o 'GLIBC_[0-9.]*' | sort -uV | tail -1)
         echo "${wheel##*/}: $newest, $(stat -c %s "$wheel") bytes"
         [ -n "$newest" ] || fail "$wheel: no version of GLIBC found"
+        unzip -l "$wheel" | grep -q 'licenses/LICENSE-THIRD-PARTY$' || fail "$wheel holds no licences of others"
         [ "$(printf '%s\n' "GLIBC_$glibc" "$newest" | sort -V | tail -1)" = "GLIBC_$glibc" ] ||
             fail "$wheel asks for $newest, newer than $glibc"
     done
