@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 
+import fastslam.verdict as verdict_module
 import numpy as np
 import pytest
 from cli_runner import fastslam
@@ -20,9 +21,11 @@ from fastslam.errors import DataError
 from fastslam.examination.hypotheses import Hypothesis
 from fastslam.examination.stretches import Bench
 from fastslam.log import Controls, Log
+from fastslam.result import RunResult
 from fastslam.runner import configure, run
 from fastslam.simulation import resolve_simulation, simulate
-from fastslam.tuning import Attempt, Tuning, begin, tune
+from fastslam.trust import Doubt, doubts
+from fastslam.tuning import Attempt, Tuning, begin, judge, tune
 from fastslam.tuning import learn as learning
 from fastslam.tuning.begin import nats_of
 from fastslam.tuning.ending import Growth
@@ -186,6 +189,22 @@ def test_a_run_whose_map_grows_without_end_is_ended_and_not_kept(
     assert facts["evidence_gain"] is None and facts["attempts"][0]["evidence"] is None
     show_tuning("log", found)
     assert "when it was ended" in " ".join(capsys.readouterr().out.split())
+
+
+def test_what_speaks_against_a_map_is_looked_for_once(sound: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[RunResult] = []
+
+    def counted(result: RunResult, log: Log) -> tuple[Doubt, ...]:
+        looked.append(result)
+        return doubts(result, log)
+
+    for module in (verdict_module, judge):
+        monkeypatch.setattr(module, "doubts", counted)
+    found = tune(sound, UNKNOWN)
+    whole = [attempt for attempt in found.attempts if not attempt.was_ended]
+    assert len(looked) == len(whole) > 1
+    for attempt in whole:
+        assert attempt.result.doubts and attempt.result.doubts == doubts(attempt.result, sound)
 
 
 def tried(name: str, judgement: Judgement, nats: float = 0.0) -> Attempt:

@@ -130,7 +130,7 @@ def sounder_than(
     if not result.verdict or result.interrupted or not is_learnable(log, config):
         return None
     try:
-        if judged(result, log, result.config).rank == SOUND:
+        if judged(result, log, result.config, result.doubts).rank == SOUND:
             return None
         if on_doubt is not None:
             on_doubt()

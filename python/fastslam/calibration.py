@@ -109,7 +109,7 @@ def calibrate(
     configuration = configure(log, config or {})
     refuse_ranges_alone(configuration, "calibrate")
     result = run(log, configuration)
-    fault = judged(result, log, configuration).fault
+    fault = judged(result, log, configuration, result.doubts).fault
     if fault is not None:
         message = f"nothing can be calibrated from this run: {fault}; `fastslam tune` may find why"
         raise DataError(message, log.source)

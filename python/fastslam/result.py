@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from .frames import Backend
     from .maps import Changes, Map
+    from .trust import Doubt
 
 Columns = dict[str, Any]
 """Columns by name, all of one length: arrays, and lists of texts."""
@@ -252,6 +253,8 @@ class RunResult:
     """Skips and repairs that were counted: name to number."""
     verdict: tuple[str, ...] = ()
     """What the run comes to where that is less than a map and a path, and why; a sentence each."""
+    doubts: tuple[Doubt, ...] = field(default=(), repr=False, compare=False)
+    """What was held against the map for the verdict, strongest first, all of it (`fastslam.trust.doubts`)."""
     warnings: tuple[str, ...] = ()
     """What the innovations say against the noise configured, and how often the filter was not ok."""
     findings: tuple[dict[str, str], ...] = ()

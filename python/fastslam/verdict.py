@@ -13,7 +13,7 @@ from .health import health_warning
 from .log import Floats, Log, Sightings
 from .result import RunResult
 from .several import as_of_one
-from .trust import NOT_FOUND, WAS_LOST, against, doubts
+from .trust import NOT_FOUND, WAS_LOST, Doubt, against, doubts
 
 MANY_DROPPED = 0.01
 """From this fraction on, sightings that were not used are worth a line."""
@@ -39,9 +39,10 @@ def judged(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) ->
 
     `two_places` is the core's list of names that were seen at two places, as the poses were believed then.
     """
-    found, unhealthy = verdict(result, log, two_places), health_warning(result.steps)
+    (found, held), unhealthy = _held_against(result, log, two_places), health_warning(result.steps)
     told = unhealthy is None or any(sentence.startswith(WAS_LOST) for sentence in found)
-    return replace(result, verdict=found, warnings=(*result.warnings, *(() if told else (unhealthy,))))
+    warnings = (*result.warnings, *(() if told else (unhealthy,)))
+    return replace(result, verdict=found, doubts=held, warnings=warnings)
 
 
 def is_empty(result: RunResult) -> bool:
@@ -61,21 +62,29 @@ def named_twice(sightings: Sightings) -> int:
 
 def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -> tuple[str, ...]:
     """What the run comes to where that is less than a map and a path, and what the names contradict."""
+    return _held_against(result, log, two_places)[0]
+
+
+def _held_against(
+    result: RunResult, log: Log, two_places: Iterable[TwoPlaces]
+) -> tuple[tuple[str, ...], tuple[Doubt, ...]]:
+    """The verdict, and all that was held against the map for it."""
     if result.interrupted:
-        return ()
+        return (), ()
     log, config = as_of_one(log, result.config)
     result = replace(result, config=config)
     total = len(log.sightings.stamp_s)
     if total == 0:
-        return ("nothing was mapped: the log has no sightings; the path is that of the odometry alone",)
+        return ("nothing was mapped: the log has no sightings; the path is that of the odometry alone",), ()
     dropped = tuple(_dropped(result, log.sightings))
     of_map = _map_verdict(result, total, explained=bool(dropped))
     missing = not_found_again(result)
     again = () if missing is None else (missing,)
-    others = (doubt for doubt in doubts(result, log) if doubt.rule != NOT_FOUND)
+    held = doubts(result, log)
+    others = (doubt for doubt in held if doubt.rule != NOT_FOUND)
     # Where most sightings were left out the cause is told already, and all else follows from it.
     doubted = () if int(result.steps.sightings.sum()) < MOSTLY * total else against(others)
-    return (*dropped, *of_map, *again, *doubted, *_names(result, log, two_places))
+    return (*dropped, *of_map, *again, *doubted, *_names(result, log, two_places)), held
 
 
 def not_found_again(result: RunResult) -> str | None:

@@ -13,7 +13,7 @@ from ..health import health_summary
 from ..laid import laid_on_map
 from ..log import Log
 from ..result import RunResult
-from ..trust import LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED, doubts
+from ..trust import LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED, Doubt, doubts
 from ..verdict import not_found_again
 
 MOST_LOST = 0.2
@@ -121,8 +121,11 @@ def ended(result: RunResult, best: Judgement) -> Judgement:
     return Judgement(reason, reason, landmarks, explained=1.0)
 
 
-def judged(result: RunResult, log: Log, common: Mapping[str, Any]) -> Judgement:
-    """Holds a run against the log, and its map against the noise of the settings `common`."""
+def judged(result: RunResult, log: Log, common: Mapping[str, Any], held: tuple[Doubt, ...] = ()) -> Judgement:
+    """Holds a run against the log, and its map against the noise of the settings `common`.
+
+    `held` is what its verdict was drawn from (`RunResult.doubts`), where that is of this very map.
+    """
     landmarks = result.landmarks
     believed = len(landmarks.ids) if landmarks.confirmed is None else int(landmarks.confirmed.sum())
     noise = {name: common["sensor"][name] for name in ("range_std_m", "bearing_std_rad")}
@@ -131,7 +134,7 @@ def judged(result: RunResult, log: Log, common: Mapping[str, Any]) -> Judgement:
     fault = _fault_of(result)
     if fault is not None:
         return Judgement(fault, fault, believed, explained)
-    of_map = next((doubt for doubt in doubts(result, log) if doubt.rule in OF_THE_MAP), None)
+    of_map = next((doubt for doubt in held or doubts(result, log) if doubt.rule in OF_THE_MAP), None)
     doubt = None if of_map is None or of_map.ratio < 1.0 else of_map.sentence
     fault = None if of_map is None or of_map.ratio < WORTHLESS else of_map.sentence
     return Judgement(fault, doubt, believed, explained)

@@ -366,7 +366,8 @@ class _Session:
         self, name: str, settings: dict[str, Any], learned: Learned | None, result: RunResult, wider: float
     ) -> Attempt:
         nats = evidence(result, self.until_s, self._common)
-        return Attempt(name, settings, learned, result, nats, judged(result, self.log, self._common), wider)
+        judgement = judged(result, self.log, self._common, result.doubts)
+        return Attempt(name, settings, learned, result, nats, judgement, wider)
 
     def _growth(self) -> Growth | None:
         """What ends a run whose map grows beyond the best one's; None where nothing is a measure of it."""
