@@ -107,6 +107,18 @@ def laid_on_map(result: RunResult, log: Log) -> Laid | None:
     return Laid(stamp_s, squared, landmark, frame, mean_m, origin, range_m, bearing)
 
 
+def laid_on_provisional(result: RunResult, laid: Laid) -> int:
+    """How many of the sightings that no confirmed landmark explains a provisional one does."""
+    mean_m = result.landmarks.mean_m[~believed(result)]
+    mean_m = mean_m[np.isfinite(mean_m).all(axis=1)]
+    rows = ~laid.explained
+    if len(mean_m) == 0 or not rows.any():
+        return 0
+    measured = laid.range_m[rows], laid.bearing_rad[rows]
+    squared, _ = _best(mean_m, laid.origin[rows], measured, result.config["sensor"])
+    return int((squared < EXPLAINED_SQUARED).sum())
+
+
 def _origins(result: RunResult, stamp_s: Floats, mounting: Mapping[str, float]) -> Floats:
     path = result.path
     x, y, heading = path.T_world_robot[:, 0], path.T_world_robot[:, 1], np.unwrap(path.T_world_robot[:, 2])

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .health import HealthStatus, health_summary
-from .laid import Laid, believed, laid_on_map
+from .laid import Laid, believed, laid_on_map, laid_on_provisional
 from .log import Bools, Log
 from .placement import common_variance_m2
 from .result import RunResult
@@ -152,10 +152,8 @@ def _of_kept_map(result: RunResult) -> Iterator[Doubt]:
 def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
     stand = standing(laid, named=_is_named(result, log))
     yield Doubt(LANDMARKS, stand.odd / max(FEW_ODD, MOST_WRONG * stand.landmarks), _landmarks(stand))
-    steps, landmarks = result.steps, result.landmarks
-    # What was taken for one that is provisional, and does not stand in the map, is not meant to lie on it.
-    of_provisional = int((landmarks.sightings[~believed(result)] - 1).sum())
-    unused = int((steps.ignored + steps.new_landmarks).sum()) + of_provisional
+    steps = result.steps
+    unused = int((steps.ignored + steps.new_landmarks).sum()) + _of_provisional(result, laid)
     used = 1.0 - unused / max(int(steps.sightings.sum()), 1)
     lacking = used - float(laid.explained.mean())
     sentence = (
@@ -163,6 +161,12 @@ def _of_map(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
         "out, are far from all of them"
     )
     yield Doubt(UNEXPLAINED, lacking / MOST_UNEXPLAINED, sentence)
+
+
+def _of_provisional(result: RunResult, laid: Laid) -> int:
+    """So many sightings were taken for landmarks that are still provisional, and lie on them and no other."""
+    taken = int((result.landmarks.sightings[~believed(result)] - 1).sum())
+    return min(taken, laid_on_provisional(result, laid)) if taken else 0
 
 
 def _of_stretches(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
