@@ -124,6 +124,11 @@ impl<M: Spatial> SpaceSlam<M> {
         self.predicted_pose()
     }
 
+    /// How far the robot has turned since the last scan, or pose that it passed, as far as that was measured; at most π.
+    pub fn turned_rad(&self) -> f64 {
+        self.state.pending.mean.rotation.to_vector().iter().map(|v| v * v).sum::<f64>().sqrt()
+    }
+
     /// Mean and covariance of the pose at the last scan.
     pub fn pose(&self) -> SpaceEstimate {
         self.state.estimate

@@ -8,6 +8,10 @@ use super::{
 use crate::error::{Error, Result};
 use crate::limits::LONGEST_S;
 
+/// Where velocities wander and turns are measured, a pose of the least squares stands where the robot has turned so far since
+/// the last one: what is believed of its way is an arc.
+const FARTHEST_TURN_RAD: f64 = 1.0;
+
 /// What a robot noted.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SpaceLog {
@@ -166,6 +170,11 @@ impl<M: Spatial> Runner<M> {
             let next_s = log.row_stamp_s.get(self.row + 1).map_or(until_s, |next_s| next_s.min(until_s));
             self.filter.advance(log.velocity[self.row], next_s - self.time_s)?;
             self.time_s = next_s;
+            if self.kind == SpaceMotionKind::Gyro && next_s < until_s && self.filter.turned_rad() > FARTHEST_TURN_RAD {
+                let step = self.filter.pass(next_s)?;
+                self.note(next_s, self.filter.pose(), step);
+                continue;
+            }
             let last_s = self.stamp_s.last().copied().unwrap_or(f64::NEG_INFINITY);
             let ends = self.row + 1 == log.row_stamp_s.len() || next_s == log.row_stamp_s[self.row + 1];
             if next_s < until_s && ends && next_s - last_s >= self.period_s {

@@ -80,17 +80,31 @@ impl<M: Spatial> SpaceSlam<M> {
             info.effective_sample_size = self.state.weights.effective_sample_size;
             return Ok(info);
         }
+        self.step(stamp_s, &scan, &mut info)?;
+        info.drawn = self.draw_is_due() && self.draw_anew();
+        Ok(info)
+    }
+
+    /// A pose of the path where nothing is seen, which the least squares has too.
+    ///
+    /// **Errors:** [`Error::NotFinite`] when the step would leave a number that is none. The filter is then as it was.
+    pub fn pass(&mut self, stamp_s: f64) -> Result<SpaceStep> {
+        let mut info = SpaceStep::default();
+        self.step(stamp_s, &Scan { known: Vec::new(), new: Vec::new() }, &mut info)?;
+        Ok(info)
+    }
+
+    fn step(&mut self, stamp_s: f64, scan: &Scan, info: &mut SpaceStep) -> Result<()> {
         let ahead = self.state.ahead(&self.config.motion);
-        let (outcome, estimate) = self.outcome(ahead.as_ref(), &scan, &mut info)?;
+        let (outcome, estimate) = self.outcome(ahead.as_ref(), scan, info)?;
         self.check_numbers(&outcome, &estimate)?;
         let flat = Error::NotPositiveDefinite { step: self.state.counters.steps, what: "the motion's covariance" };
         let moved = self.state.moved(&self.config.motion);
         self.state.past.push(stamp_s, &moved, ahead.map(|ahead| ahead.leg)).ok_or(flat)?;
         self.follow(ahead.as_ref(), &outcome);
         self.adopt(stamp_s, outcome, estimate);
-        self.remember(&scan);
-        info.drawn = self.draw_is_due() && self.draw_anew();
-        Ok(info)
+        self.remember(scan);
+        Ok(())
     }
 
     fn sorted(&self, sightings: Vec<(u32, Measured)>) -> Scan {
