@@ -168,6 +168,15 @@ def test_car_park_from_raw_scans(data_dir: Path) -> None:
     assert metrics["smoothed_ate_rmse_m"] <= 0.40
 
 
+def test_no_post_of_the_car_park_is_split_in_two(data_dir: Path) -> None:
+    log = with_sightings(load(data_dir / "car_park"))
+    seen = log.sightings
+    place = seen.range_m * np.exp(1j * seen.bearing_rad)
+    beside = np.flatnonzero(np.diff(seen.stamp_s) == 0)
+    assert len(place) > 1900 and len(beside) > 500
+    assert np.abs(place[beside + 1] - place[beside]).min() > 0.5
+
+
 def test_victoria_park_scans_are_read_and_detected(data_dir: Path) -> None:
     log = load(data_dir / "victoria_park" / "ascii_2003")
     assert log.scans is not None and log.scans.ranges_m.shape == (7230, 361)

@@ -245,8 +245,8 @@ def measure(case: Case, data: Path) -> dict[str, Any]:
     examined = any(finding.severity in ("error", "problem") for finding in examine(log))
     result = run_by_need(log, settings)
     metrics: dict[str, Any] = dict(evaluate(result, sound))
-    found, map_m = metrics["landmarks"], metrics["landmark_rmse_m"]
-    false = 1.0 - metrics["landmark_matched"] / found if found else 1.0
+    map_m, right = metrics["landmark_rmse_m"], metrics["landmark_precision"]
+    false = 1.0 if right is None else 1.0 - right
     least_m = reference_m(case.log, case.seed if case.log in WORLDS else 0, data)
     failed = map_m is None or map_m > FAILED * least_m or false > MOST_FALSE
     ratios = {doubt.rule: doubt.ratio for doubt in doubts(result, log)}

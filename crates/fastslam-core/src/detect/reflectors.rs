@@ -21,7 +21,8 @@ pub struct Reflectors {
     pub min_intensity: f64,
     /// Bright beams whose ranges differ by more are of two reflectors.
     pub jump_m: f64,
-    /// So many dim or missing beams within a reflector are bridged.
+    /// So many dim or missing beams within a reflector are bridged; of a post near the sensor also more, if no beam between
+    /// passes it by.
     pub bridge_beams: u32,
     /// Fewest bright beams on a reflector.
     pub min_beams: u32,
@@ -29,7 +30,8 @@ pub struct Reflectors {
     pub max_width_m: f64,
     /// Reflectors farther than this are skipped.
     pub max_range_m: f64,
-    /// Radius of the post: added to the range of its surface, and its diameter is the signature. 0 for flat ones.
+    /// Radius of the post: added to the range of its surface, and its diameter is the signature; no two posts stand nearer
+    /// than twice that. 0 for flat ones.
     pub radius_m: f64,
     /// How much too long the ranges of bright echoes are; subtracted.
     pub range_bias_m: f64,
@@ -160,11 +162,19 @@ fn measure(
 /// Runs of bright beams at one range, joined over the seam of a full turn.
 fn cluster(settings: &Reflectors, beams: &Beams, bright: impl Fn(usize) -> bool, segments: &mut Vec<Segment>) {
     segments.clear();
-    let reach = settings.bridge_beams as usize + 1;
-    let joins = |a: usize, b: usize| (beams.range[a] - beams.range[b]).abs() <= settings.jump_m;
+    let at_one_range = |a: usize, b: usize| (beams.range[a] - beams.range[b]).abs() <= settings.jump_m;
+    // Of a post near by the beams that meet its middle may come back dim.
+    let one_post = |a: usize, beams_on: usize| {
+        let passes = |i: usize| beams.echo[i] == Echo::Hit && !at_one_range(a, i);
+        beams_on as f64 * beams.range[a] * beams.step.abs() <= 4.0 * settings.radius_m
+            && !(1..beams_on).any(|on| passes(beams.index(a + on)))
+    };
+    let joins = |a: usize, b: usize, beams_on: usize| {
+        at_one_range(a, b) && (beams_on <= settings.bridge_beams as usize + 1 || one_post(a, beams_on))
+    };
     for i in (0..beams.len()).filter(|&i| bright(i)) {
         match segments.last_mut() {
-            Some(open) if i - open.last <= reach && joins(open.last, i) => {
+            Some(open) if joins(open.last, i, i - open.last) => {
                 open.last = i;
                 open.hits += 1;
             }
@@ -172,7 +182,7 @@ fn cluster(settings: &Reflectors, beams: &Beams, bright: impl Fn(usize) -> bool,
         }
     }
     if let (true, Some(&first), Some(&last)) = (beams.closed && segments.len() > 1, segments.first(), segments.last()) {
-        if first.first + beams.len() - last.last <= reach && joins(last.last, first.first) {
+        if joins(last.last, first.first, first.first + beams.len() - last.last) {
             segments.pop();
             segments[0] = Segment { first: last.first, last: first.last + beams.len(), hits: first.hits + last.hits };
             segments.rotate_left(1);

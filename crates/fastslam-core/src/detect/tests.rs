@@ -128,6 +128,23 @@ fn a_reflector_is_the_median_of_its_bright_beams() {
 }
 
 #[test]
+fn a_post_near_by_is_one_though_its_middle_comes_back_dim() {
+    // Two beams of 22 mm between bright ones, as a laser saw a post of 60 mm at 2.5 m.
+    let found = |middle: [f64; 2], range_m: f64| {
+        let (mut ranges, mut intensities) = (vec![20.0; 361], vec![0.0; 361]);
+        ranges[200..204].copy_from_slice(&[range_m, middle[0], middle[1], range_m]);
+        (intensities[200], intensities[203]) = (2.0, 4.0);
+        run(DetectorKind::Reflectors, &Scan { intensities: Some(&intensities), ..scan(&ranges, geometry()) })
+    };
+    let one = found([2.5, 2.5], 2.5);
+    assert_eq!((one.len(), one[0].first_beam, one[0].last_beam), (1, 200, 203));
+    assert!((one[0].bearing_rad - 21.5 * STEP).abs() < 1e-9);
+    assert_eq!(found([2.5, f64::INFINITY], 2.5).len(), 1, "a beam without an echo passes nothing by");
+    assert_eq!(found([2.5, 20.0], 2.5).len(), 2, "a beam between them meets what is behind");
+    assert_eq!(found([6.0, 6.0], 6.0).len(), 2, "16 cm apart they are two posts");
+}
+
+#[test]
 fn the_corner_of_two_walls_is_where_they_meet() {
     // Walls x = 5 and y = 3 around the sensor's left front.
     let walls = |i: usize| {
