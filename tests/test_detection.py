@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from fastslam.datasets import load, write_native
 from fastslam.datasets.clean import no_sightings
-from fastslam.detection import VERDICTS, configure_detector, detect, explain, find
+from fastslam.detection import VERDICTS, configure_detector, detect, explain, find, with_sightings
 from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation import evaluate
 from fastslam.log import BeamGeometry, Controls, Floats, Log, Scans
