@@ -7,7 +7,7 @@ from dataclasses import replace
 import fastslam
 import numpy as np
 import pytest
-from fastslam import verdict as verdicts
+from fastslam import runner
 from fastslam.contradictions import TwoPlaces, share_misnamed, that_contradict_themselves
 from fastslam.log import Log
 from fastslam.result import RunResult
@@ -25,16 +25,16 @@ def run(
 ) -> tuple[RunResult, tuple[TwoPlaces, ...]]:
     """A run with known names, and the names that the filter doubted."""
     doubted: list[TwoPlaces] = []
-    judge = verdicts.verdict
+    judge = runner.judged
 
-    def verdict(result: RunResult, log: Log, two_places: list[TwoPlaces]) -> tuple[str, ...]:
+    def judged(result: RunResult, log: Log, two_places: list[TwoPlaces]) -> RunResult:
         doubted.extend(two_places)
         return judge(result, log, two_places)
 
-    monkeypatch.setattr(verdicts, "verdict", verdict)
+    monkeypatch.setattr(runner, "judged", judged)
     settings = {"seed": seed, "association": {"mode": "known"}}
     filter_ = {"rejuvenation": {"every_steps": 0}} if plain else {}
-    return fastslam.run(log, {**settings, "filter": filter_}), tuple(doubted)
+    return fastslam.run(log, {**settings, "filter": filter_}, auto=False), tuple(doubted)
 
 
 def one_name_for_two(log: Log, seed: int) -> tuple[Log, int]:
@@ -46,7 +46,6 @@ def one_name_for_two(log: Log, seed: int) -> tuple[Log, int]:
     return replace(log, sightings=replace(log.sightings, identity=identity)), name
 
 
-@pytest.mark.slow(but="loop-1-0")
 @pytest.mark.parametrize(
     ("preset", "seed", "filter_seed"), [("loop", 1, 0), ("loop", 16, 16), ("lawn-mower", 8, 8)]
 )
@@ -65,7 +64,6 @@ def test_names_are_not_accused_where_the_robot_drifted(
     assert result.verdict == ()
 
 
-@pytest.mark.slow(but="demo-1")
 @pytest.mark.parametrize(("preset", "seed"), [("demo", 1), ("demo", 2), ("loop", 4), ("loop", 7)])
 def test_one_name_on_two_landmarks_is_told(preset: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where the filter drifts: other names that it doubted are not accused with it."""
