@@ -427,7 +427,6 @@ mod tests {
             let own = a[i].clone();
             for (k, row) in a.iter_mut().enumerate().filter(|(k, _)| *k != i) {
                 let share = row[i];
-                assert!(k != i);
                 row.iter_mut().zip(&own).for_each(|(v, o)| *v -= share * o);
             }
         }
