@@ -425,7 +425,7 @@ mod tests {
             let pivot = a[i][i];
             a[i].iter_mut().for_each(|v| *v /= pivot);
             let own = a[i].clone();
-            for (k, row) in a.iter_mut().enumerate().filter(|(k, _)| *k != i) {
+            for (_, row) in a.iter_mut().enumerate().filter(|(k, _)| *k != i) {
                 let share = row[i];
                 row.iter_mut().zip(&own).for_each(|(v, o)| *v -= share * o);
             }
