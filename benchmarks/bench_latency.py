@@ -1,6 +1,6 @@
 """Measures how long the steps of a robot that drives take, and writes a dated report.
 
-    FASTSLAM_DATA=DATA python benchmarks/bench_latency.py [--quick] [--delay-scans D ...] [--window W]
+    FASTSLAM_DATA=DATA python benchmarks/bench_latency.py [--quick] [--delay-scans D ...] [--keyframes K]
         [--out FOLDER]
 
 Victoria Park, ten laps between cones and one hour at 20 Hz in a bounded world, nobody naming a landmark, 100
@@ -49,8 +49,8 @@ class Case(NamedTuple):
     delay_scans: int
     idle_s: float
     quick: bool
-    window: int | None
-    """Steps of the window, 0 for none; that of a robot without it."""
+    keyframes: int | None
+    """Steps that the past keeps; those of a robot without it."""
 
 
 class Tenth(NamedTuple):
@@ -111,8 +111,8 @@ def measure(case: Case) -> tuple[object, ...]:
         "growth": 0.05,
         "delay_scans": case.delay_scans,
     }
-    if case.window is not None:
-        draws |= {"window_steps": case.window or None}
+    if case.keyframes is not None:
+        draws |= {"keyframes": case.keyframes}
     mine = {"association": {"mode": "unknown"}, "filter": {"particles": 100, "rejuvenation": draws}}
     robot = Robot(merge(log.config, mine), identities="none", window=Window(late_s=0.0))
     calls, tenths, drawn = list(_calls(robot, log)), [], 0
@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--delay-scans", type=int, nargs="+", default=[0, 10])
     parser.add_argument("--idle-ms", type=float, default=5.0, help="rest after each scan")
     parser.add_argument(
-        "--window", type=int, help="steps of the window, 0 for none; that of a robot without it"
+        "--keyframes", type=int, help="steps that the past keeps; those of a robot without it"
     )
     parser.add_argument("--logs", nargs="+", choices=list(LOGS), help="all without it")
     parser.add_argument("--out", type=Path, help="folder of the report")
@@ -153,7 +153,7 @@ def main() -> None:
     started, load_before = datetime.now(timezone.utc), os.getloadavg()[0]
     idle_s = 1e-3 * arguments.idle_ms
     cases = [
-        Case(name, delay, idle_s, arguments.quick, arguments.window)
+        Case(name, delay, idle_s, arguments.quick, arguments.keyframes)
         for name in names
         for delay in arguments.delay_scans
     ]
@@ -167,7 +167,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     report = folder / f"latency-{started:%Y-%m-%d}.md"
     command = f"python benchmarks/bench_latency.py --delay-scans {' '.join(map(str, arguments.delay_scans))}"
-    command += "" if arguments.window is None else f" --window {arguments.window}"
+    command += "" if arguments.keyframes is None else f" --keyframes {arguments.keyframes}"
     head = f"fastslam {fastslam.__version__}, commit {commit()}; {processor()}; load {load_before:.1f}."
     how = f"Command: `{command}`, {arguments.idle_ms:g} ms of rest after each scan."
     text = f"# Latency of steps\n\n{head} {how}\n\n"

@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     from .watching import View
 
 
-LIVE: Partial = {"filter": {"rejuvenation": {"delay_scans": 10}}}
-"""What a robot sets otherwise than the defaults: no step waits for a draw of paths."""
+LIVE: Partial = {"filter": {"rejuvenation": {"delay_scans": 10, "keyframes": 5000}}}
+"""What a robot sets otherwise than the defaults: no step waits for a draw of paths, which take no longer with time."""
 
 
 class Robot:

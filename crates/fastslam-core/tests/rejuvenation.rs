@@ -283,6 +283,27 @@ fn with_plain_defaults_a_field_is_mapped_once() {
 }
 
 #[test]
+fn a_past_of_few_keyframes_closes_the_loop_too() {
+    let (mut plain, mut short) = (Vec::new(), Vec::new());
+    for seed in 1..4 {
+        let (log, mut config, truth) = two_laps(seed);
+        config.filter.rejuvenation.keyframes = 300;
+        let output = run(&config, &log, &mut Blind).unwrap();
+        let draws = output.steps.iter().filter(|step| step.info.sampling.rejuvenated).count();
+        assert!(draws >= 2 && output.steps.len() > 3 * 300, "{draws} draws in {} steps", output.steps.len());
+        assert!(output.map.landmarks.len() <= 145, "{}", output.map.landmarks.len());
+        short.push(map_rmse(&output, &truth));
+        config.filter.rejuvenation.every_steps = Some(0);
+        let without = run(&config, &log, &mut Blind).unwrap();
+        assert_eq!(output.smoothed.len(), without.smoothed.len());
+        plain.push(map_rmse(&without, &truth));
+    }
+    println!("map RMSE: {short:.3?}, plain {plain:.3?}");
+    // In the frame that the robot began in, of which both know no more than the first sightings say.
+    assert!(short.iter().sum::<f64>() < 0.6 * plain.iter().sum::<f64>(), "{short:?} {plain:?}");
+}
+
+#[test]
 fn names_that_come_back_after_a_long_way_correct_the_whole_way() {
     let (mut plain, mut drawn) = (Vec::new(), Vec::new());
     for seed in 1..4 {

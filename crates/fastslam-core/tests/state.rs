@@ -75,6 +75,8 @@ fn configurations() -> Vec<Config> {
                     0 => config.filter.adaptive.number = ParticleNumber::Kld,
                     1 => {
                         config.filter.rejuvenation.every_steps = Some(20);
+                        // What the cut keeps is a past that was thinned, and will be.
+                        config.filter.rejuvenation.keyframes = 25;
                         config.association.merging.rule = MergingRule::Nearby;
                     }
                     2 => {

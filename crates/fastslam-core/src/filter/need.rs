@@ -73,8 +73,7 @@ impl Need {
 
     /// A draw was done: after so much work it merged so many landmarks; the path is this.
     pub fn drawn(&mut self, work: f64, merges: &[[u32; 2]], (history, path): (&History, &Trajectory)) {
-        self.drift = Drift::new(path.start);
-        path.poses.iter().enumerate().for_each(|(step, pose)| self.drift.extend(history.motion(step), *pose));
+        self.drift = drift_along(history, path);
         for [younger, older] in merges.iter().map(|pair| pair.map(|birth| birth as usize)) {
             if younger.max(older) < self.last_seen.len() {
                 self.last_seen[older] = self.last_seen[older].max(self.last_seen[younger]);
@@ -85,6 +84,13 @@ impl Need {
         self.suspects = 0;
         self.work_of_draws += work;
         self.work_per_step = work / path.poses.len().max(1) as f64;
+    }
+
+    /// Old steps were forgotten: `step_now` says how many are left before one; this is the path over those.
+    pub fn thinned(&mut self, step_now: impl Fn(usize) -> usize, (history, path): (&History, &Trajectory)) {
+        self.drift = drift_along(history, path);
+        let last = self.drift.steps().saturating_sub(1);
+        self.last_seen.iter_mut().for_each(|step| *step = step_now(*step as usize).min(last) as u32);
     }
 
     /// A draw was not done, since it would have taken so much work.
@@ -123,6 +129,12 @@ impl Need {
         let many = self.suspects >= MANY_SUSPECTS && self.is_affordable_for_sure();
         self.suspects >= self.enough && (self.is_affordable() || many)
     }
+}
+
+fn drift_along(history: &History, path: &Trajectory) -> Drift {
+    let mut drift = Drift::new(path.start);
+    path.poses.iter().enumerate().for_each(|(step, pose)| drift.extend(history.motion(step), *pose));
+    drift
 }
 
 /// What names say of drift since the last draw.

@@ -54,6 +54,22 @@ pub(super) fn remember_step<M>(setup: &Setup<M>, state: &mut State) -> Option<Mo
     Some(motion)
 }
 
+/// Forgets old steps where the past has become longer than the configuration wants, and counts anew what counts steps.
+pub(super) fn thin_past<M>(setup: &Setup<M>, state: &mut State) {
+    let most = setup.settings.config.filter.rejuvenation.keyframes as usize;
+    let start = state.start(&setup.settings.config);
+    let Some(rejuvenation) = state.rejuvenation.as_mut().filter(|r| r.drawing != Drawing::UnderWay) else { return };
+    let Some(left) = rejuvenation.history.thin(most) else { return };
+    let Rejuvenation { history, last, need, .. } = rejuvenation;
+    let step_now = |step: usize| left.partition_point(|left| (*left as usize) < step);
+    *last = last.checked_sub(1).map_or(0, |drawn| step_now(drawn) + 1);
+    let Some(need) = need else { return };
+    let path: Vec<Pose> = state.path.path(state.particles.best()).into_iter().map(|(_, pose)| pose).collect();
+    if let Some(poses) = history.keyframes.of(&path, history.steps()) {
+        need.thinned(step_now, (history, &Trajectory { start, poses }));
+    }
+}
+
 /// Whether it is time to draw all particles anew.
 pub(super) fn rejuvenation_is_due<M>(setup: &Setup<M>, state: &State) -> bool {
     let settings = &setup.settings.config.filter.rejuvenation;
@@ -159,7 +175,7 @@ fn start_anew<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work, 
     let Rejuvenation { history, .. } = state.rejuvenation.as_ref()?;
     let settings = &setup.settings.config.filter.rejuvenation;
     let window = settings.window_steps.map_or(usize::MAX, |steps| steps as usize);
-    let first_free = history.steps().saturating_sub(window);
+    let first_free = history.keyframes.first_within(window, history.steps());
     let places = places_of(&state.landmarks, state.particles.best());
     let mut graph = graph_of(setup, state, &places, first_free, effort)?;
     let trajectory = trajectory(setup, state, first_free)?;
@@ -262,9 +278,7 @@ fn trajectory<M>(setup: &Setup<M>, state: &State, first_free: usize) -> Option<T
     let Rejuvenation { history, count, last, .. } = state.rejuvenation.as_ref()?;
     let path = state.path.path(state.particles.best());
     let poses: Vec<Pose> = path.into_iter().map(|(_, pose)| pose).collect();
-    if poses.len() != history.steps() {
-        return None;
-    }
+    let poses = history.keyframes.of(&poses, history.steps())?;
     let drawn = (*count > 0).then(|| last.saturating_sub(1));
     // What is held must not be moved.
     let drawn = drawn.filter(|step| *step >= first_free);
@@ -331,7 +345,11 @@ fn become_copies_of_best(state: &mut State, work: &mut Work, trajectory: &Trajec
     state.particles.resample(&work.ancestor_indices);
     state.landmarks.resample(&work.ancestor_indices);
     state.path.resample(&work.ancestor_indices);
-    state.path.replace(&trajectory.poses, |i| drawn.last_poses[i]);
+    if let Some(rejuvenation) = &state.rejuvenation {
+        let before: Vec<Pose> = state.path.path(best).into_iter().map(|(_, pose)| pose).collect();
+        let path = rejuvenation.history.keyframes.fill(trajectory.start, &before, &trajectory.poses);
+        state.path.replace(&path, |i| drawn.last_poses[i]);
+    }
     for (i, pose) in drawn.last_poses[..count].iter().enumerate() {
         state.particles.set_pose(i, *pose);
     }

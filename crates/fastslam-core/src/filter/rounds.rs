@@ -4,7 +4,7 @@ use super::estimate::estimate_beliefs;
 use super::imagine::{imagine, report_errors};
 use super::names::doubt_names;
 use super::propose::{keeps_motion_pending, propose};
-use super::rejuvenation::{draw_in_place, draws_in_place, leave_draw, rejuvenation_is_due, remember_step};
+use super::rejuvenation::{draw_in_place, draws_in_place, leave_draw, rejuvenation_is_due, remember_step, thin_past};
 use super::remember::see_named;
 use super::returns::note_returns;
 use super::settings::Algorithm;
@@ -84,6 +84,7 @@ pub(super) fn process_rounds<M: Placing>(
         state.path.extend(stamp_s, &setup.workers, |i| particles.pose(i));
         if let Some(motion) = remember_step(setup, state) {
             imagine(setup, state, &mut work.imagining, &motion);
+            thin_past(setup, state);
         }
     }
     let is_due = info.sampling.sampled && rejuvenation_is_due(setup, state);

@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 
 /// Scans that may pass before a draw is taken over: all of them wait in memory.
 const MOST_DELAY_SCANS: u32 = 10_000;
+/// Fewer would leave a draw next to nothing of a loop.
+const FEWEST_KEYFRAMES: u32 = 20;
 
 /// The algorithms.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -118,6 +120,10 @@ pub struct RejuvenationConfig {
     pub closing_odds: f64,
     /// Draw only the poses of this many latest steps and hold the older ones; the whole path without it.
     pub window_steps: Option<u32>,
+    /// Steps that the past keeps. Where it has as many, older ones are thinned to keyframes spread evenly over the time,
+    /// with those that few landmarks are known by, and what was sighted in between is forgotten: a draw takes no longer
+    /// then, however long the log.
+    pub keyframes: u32,
     /// Do draws between two steps beside the filter, and take over what comes of one so many scans later; with 0 the step
     /// that asks for a draw does it. The map and the smoothed path are the same; until then the live estimate does not know
     /// of the draw, and no step takes longer for it.
@@ -133,7 +139,15 @@ impl RejuvenationConfig {
 
 impl Default for RejuvenationConfig {
     fn default() -> Self {
-        Self { every_steps: None, growth: 0.05, spread: 1.0, closing_odds: 1000.0, window_steps: None, delay_scans: 0 }
+        Self {
+            every_steps: None,
+            growth: 0.05,
+            spread: 1.0,
+            closing_odds: 1000.0,
+            window_steps: None,
+            keyframes: 20_000,
+            delay_scans: 0,
+        }
     }
 }
 
@@ -174,6 +188,10 @@ impl FilterConfig {
         }
         if self.rejuvenation.window_steps == Some(0) {
             return Err(Error::parameter("rejuvenation.window_steps", 0, "at least 1"));
+        }
+        if self.rejuvenation.keyframes < FEWEST_KEYFRAMES {
+            let fewest = format!("at least {FEWEST_KEYFRAMES}");
+            return Err(Error::parameter("rejuvenation.keyframes", self.rejuvenation.keyframes, fewest));
         }
         if self.rejuvenation.delay_scans > MOST_DELAY_SCANS {
             let most = format!("0 to {MOST_DELAY_SCANS}");

@@ -14,8 +14,9 @@ use crate::diagnosis::misfits::Lately;
 use crate::error::Result;
 use crate::measurement::Placing;
 use crate::random::Purpose;
+use crate::smoothing::Keyframes;
 use crate::snapshot::{content, open, seal, Head, Holds, Stored};
-use crate::snapshot::{BESIDE, ERRORS, FADING, GIVEN_MAPS, KEPT_MAPS, RETURNS, SENSORS};
+use crate::snapshot::{BESIDE, ERRORS, FADING, GIVEN_MAPS, KEPT_MAPS, KEYFRAMES, RETURNS, SENSORS};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -32,9 +33,13 @@ struct WithErrors(Former, Option<Errors>);
 #[derive(Deserialize)]
 struct WithSensors(WithErrors, (Eyes, Vec<u8>));
 
-/// The same with what the last format added: what was seen lately of a kept map.
+/// The same with what was seen lately of a kept map.
 #[derive(Deserialize)]
-struct Whole(WithSensors, KeptMap);
+struct WithKeptMap(WithSensors, KeptMap);
+
+/// The same with what the last format added: which poses of the path are steps of the past.
+#[derive(Deserialize)]
+struct Whole(WithKeptMap, Option<Keyframes>);
 
 /// A former state, to be written.
 type FormerRef<'a> = (&'a State, &'a Given, &'a Option<Fading>, (Option<&'a Returns>, &'a Lately));
@@ -42,9 +47,12 @@ type FormerRef<'a> = (&'a State, &'a Given, &'a Option<Fading>, (Option<&'a Retu
 /// The same with errors, to be written.
 type WithErrorsRef<'a> = (FormerRef<'a>, Option<&'a Errors>);
 
+/// The same with what is known of each sensor and those that made the steps, to be written.
+type WithSensorsRef<'a> = (WithErrorsRef<'a>, (&'a Eyes, &'a [u8]));
+
 /// The whole, to be written.
 #[derive(Serialize)]
-struct WholeRef<'a>((WithErrorsRef<'a>, (&'a Eyes, &'a [u8])), &'a KeptMap);
+struct WholeRef<'a>((WithSensorsRef<'a>, &'a KeptMap), Option<&'a Keyframes>);
 
 impl<'a> WholeRef<'a> {
     fn of(state: &'a State) -> Self {
@@ -53,7 +61,9 @@ impl<'a> WholeRef<'a> {
         let errors = state.rejuvenation.as_ref().map(|rejuvenation| &rejuvenation.errors);
         let sensors = state.rejuvenation.as_ref().map_or(&[][..], |rejuvenation| &rejuvenation.history.sensors);
         let former = (state, &state.given, &state.landmarks.fading, (returns, lately));
-        Self(((former, errors), (&state.diagnosis.eyes, sensors)), state.diagnosis.watch.kept_map())
+        let keyframes = state.rejuvenation.as_ref().map(|rejuvenation| &rejuvenation.history.keyframes);
+        let with_sensors = ((former, errors), (&state.diagnosis.eyes, sensors));
+        Self((with_sensors, state.diagnosis.watch.kept_map()), keyframes)
     }
 }
 
@@ -98,6 +108,7 @@ pub(super) fn restored<M: Placing>(setups: &Arc<Setups<M>>, snapshot: &[u8]) -> 
         BESIDE..ERRORS => with_draw::<Former, M>(&stored, setups, &mut beside)?,
         ERRORS..SENSORS => with_draw::<WithErrors, M>(&stored, setups, &mut beside)?,
         SENSORS..KEPT_MAPS => with_draw::<WithSensors, M>(&stored, setups, &mut beside)?,
+        KEPT_MAPS..KEYFRAMES => with_draw::<WithKeptMap, M>(&stored, setups, &mut beside)?,
         _ => with_draw::<Whole, M>(&stored, setups, &mut beside)?,
     };
     let mut engine = Engine::new(setups, ready(setups, state, Drawing::of(&settings.config)));
@@ -127,7 +138,17 @@ impl From<Former> for State {
 }
 
 impl From<Whole> for State {
-    fn from(Whole(former, kept_map): Whole) -> Self {
+    fn from(Whole(former, keyframes): Whole) -> Self {
+        let mut state = Self::from(former);
+        if let Some((rejuvenation, keyframes)) = state.rejuvenation.as_mut().zip(keyframes) {
+            rejuvenation.history.keyframes = keyframes;
+        }
+        state
+    }
+}
+
+impl From<WithKeptMap> for State {
+    fn from(WithKeptMap(former, kept_map): WithKeptMap) -> Self {
         let mut state = Self::from(former);
         *state.diagnosis.watch.kept_map_mut() = kept_map;
         state

@@ -1,5 +1,6 @@
 //! What smoothing needs to know of the past: motions, sightings, and to which landmark each particle gave them.
 
+use super::keyframes::{merged, Keyframes};
 use crate::geometry::Pose;
 use crate::motion::MotionGaussian;
 use crate::sighting::Measured;
@@ -54,6 +55,9 @@ pub struct History {
     pub sensors: Vec<u8>,
     /// Explanations from which on those that no particle holds any more are looked for.
     crowded: usize,
+    /// Which poses of the path are steps; behind the others in a snapshot, which older formats did not have.
+    #[serde(skip)]
+    pub keyframes: Keyframes,
 }
 
 /// A sighting of a landmark: number of the step and of the sighting.
@@ -154,6 +158,12 @@ impl History {
         if self.explanations.len() < self.crowded.max(FEW_EXPLANATIONS) {
             return;
         }
+        self.retain(Some);
+        self.crowded = 2 * self.explanations.len();
+    }
+
+    /// Keeps of the explanations that some particle holds those that `kept` gives back, as it gives them back.
+    fn retain(&mut self, kept: impl Fn(Explanation) -> Option<Explanation>) {
         let mut held = vec![false; self.explanations.len()];
         for &tip in &self.tips {
             let mut index = tip;
@@ -164,15 +174,51 @@ impl History {
         let (explanations, choices) = (std::mem::take(&mut self.explanations), std::mem::take(&mut self.choices));
         let mut places = vec![NONE; explanations.len()];
         let place = |places: &[u32], index: u32| if index == NONE { NONE } else { places[index as usize] };
-        for (index, old) in explanations.iter().enumerate().filter(|(index, _)| held[*index]) {
+        for (index, old) in explanations.into_iter().enumerate().filter(|(index, _)| held[*index]) {
+            let previous = place(&places, old.previous);
+            let Some(new) = kept(old) else {
+                places[index] = previous;
+                continue;
+            };
             places[index] = self.explanations.len() as u32;
             let first_choice = self.choices.len() as u32;
             self.choices
                 .extend_from_slice(&choices[old.first_choice as usize..(old.first_choice + old.count) as usize]);
-            self.explanations.push(Explanation { previous: place(&places, old.previous), first_choice, ..*old });
+            self.explanations.push(Explanation { previous, first_choice, ..new });
         }
         self.tips.iter_mut().for_each(|tip| *tip = place(&places, *tip));
-        self.crowded = 2 * self.explanations.len();
+    }
+
+    /// The landmarks that some particle sighted in each step: step and birth, in this order, each once.
+    pub(super) fn births_by_step(&self) -> Vec<(u32, u32)> {
+        let mut sighted: Vec<(u32, u32)> = Vec::with_capacity(self.choices.len());
+        for Explanation { step, first_choice, count, .. } in &self.explanations {
+            let choices = &self.choices[*first_choice as usize..(first_choice + count) as usize];
+            sighted.extend(choices.iter().filter(|birth| **birth != NO_LANDMARK).map(|birth| (*step, *birth)));
+        }
+        sighted.sort_unstable();
+        sighted.dedup();
+        sighted
+    }
+
+    /// Forgets the steps that do not stay, with what was sighted in them; the last one stays.
+    pub(super) fn keep_steps(&mut self, stays: &[bool]) {
+        let number = numbers(stays);
+        let mut is_kept = vec![false; self.sightings.len()];
+        for Explanation { step, first_sighting, count, .. } in &self.explanations {
+            if stays[*step as usize] {
+                is_kept[*first_sighting as usize..(first_sighting + count) as usize].fill(true);
+            }
+        }
+        let sighting = numbers(&is_kept);
+        let kept = |old: Explanation| {
+            let (step, first_sighting) = (number[old.step as usize], sighting[old.first_sighting as usize]);
+            stays[old.step as usize].then_some(Explanation { step, first_sighting, ..old })
+        };
+        self.retain(kept);
+        self.motions = merged(&self.motions, stays);
+        retain_marked(&mut self.sightings, &is_kept);
+        retain_marked(&mut self.sensors, stays);
     }
 
     /// A scan was explained by all particles in the same way.
@@ -259,6 +305,23 @@ impl History {
         seen.reverse();
         seen
     }
+}
+
+/// How many are marked before each, and in all.
+fn numbers(marked: &[bool]) -> Vec<u32> {
+    let mut count = 0;
+    let mut numbers: Vec<u32> = Vec::with_capacity(marked.len() + 1);
+    numbers.push(0);
+    numbers.extend(marked.iter().map(|marked| {
+        count += u32::from(*marked);
+        count
+    }));
+    numbers
+}
+
+fn retain_marked<T>(values: &mut Vec<T>, marked: &[bool]) {
+    let mut marks = marked.iter();
+    values.retain(|_| marks.next().is_some_and(|marked| *marked));
 }
 
 /// Where the robot was at each step, as one particle has it.
