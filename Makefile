@@ -7,6 +7,9 @@ BIN := $(VENV)/bin
 # maturin refuses to choose between a virtual and a conda environment, so only ours is named.
 IN_VENV := env -u CONDA_PREFIX -u PYTHONPATH -u PYTHONHOME VIRTUAL_ENV="$(CURDIR)/$(VENV)"
 
+# Packages are compiled as they are imported: most of their files never are.
+export PIP_COMPILE := 0
+
 SOURCES := pyproject.toml Cargo.toml $(wildcard Cargo.lock) \
            $(shell find crates -path crates/fastslam-wasm -prune -o \( -name '*.rs' -o -name Cargo.toml \) -print)
 WEB_SOURCES := $(SOURCES) $(shell find crates/fastslam-wasm -type f)
@@ -16,6 +19,9 @@ QUICK ?=
 # The bindings have no tests or benchmarks in Rust. Named beside the others they give them the features of the module's
 # build, so that what `setup` has compiled serves here too.
 CRATES := --package=fastslam-core --package=fastslam-sim --package=fastslam-py
+
+# Older versions of make cannot keep apart what is printed side by side.
+APART := $(if $(filter output-sync,$(.FEATURES)),--output-sync=target)
 
 .DELETE_ON_ERROR:
 .PHONY: help setup module demo test test-all test-rust test-python lint format docs web site bench clean
@@ -31,12 +37,13 @@ module: $(VENV)/.module
 demo: setup ## simulate a world, run the filter, print the numbers and where the report lies
 	@$(BIN)/fastslam demo
 
-# Packages are fetched while the Rust tests are compiled.
+# Packages are fetched while the Rust tests are compiled. Those of both languages run side by side, and what they print is
+# kept apart where make can do that.
 test: ## run the tests, Rust and Python, but those that are marked as slow
 	@PYTHON="$(PYTHON)" scripts/check-tools.sh
 	$(MAKE) --no-print-directory -j2 module test-rust CARGO_TEST_FLAGS=--no-run
-	$(MAKE) --no-print-directory test-rust
-	$(MAKE) --no-print-directory test-python PYTEST_FLAGS=--short
+	@echo "Both test suites run now, which takes some two minutes; each prints what it found when it is through."
+	$(MAKE) --no-print-directory -j2 $(APART) test-rust test-python PYTEST_FLAGS=--short
 	@echo "Left out: what is marked as slow, listed above as ignored (Rust) and skipped (Python). make test-all runs it."
 
 test-all: ## run every test, Rust and Python

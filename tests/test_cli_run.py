@@ -218,8 +218,15 @@ def test_demo_in_a_real_process_takes_less_than_ten_seconds(tmp_path: Path) -> N
 CHECKPOINTS = ("--checkpoint-every", "600")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "sigterm"])
-@pytest.mark.parametrize("options", [CHECKPOINTS, ()], ids=["at once", "while it learns the noise"])
+@pytest.mark.parametrize(
+    ("number", "options"),
+    [
+        pytest.param(signal.SIGINT, CHECKPOINTS, id="ctrl-c at once", marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, CHECKPOINTS, id="sigterm at once"),
+        pytest.param(signal.SIGINT, (), id="ctrl-c while it learns the noise"),
+        pytest.param(signal.SIGTERM, (), id="sigterm while it learns the noise", marks=pytest.mark.slow),
+    ],
+)
 def test_a_stopped_run_keeps_what_was_computed_and_exits_130(
     number: int, options: tuple[str, ...], tmp_path: Path
 ) -> None:

@@ -47,7 +47,8 @@ def one_name_for_two(log: Log, seed: int) -> tuple[Log, int]:
 
 
 @pytest.mark.parametrize(
-    ("preset", "seed", "filter_seed"), [("loop", 1, 0), ("loop", 16, 16), ("lawn-mower", 8, 8)]
+    ("preset", "seed", "filter_seed"),
+    [("loop", 1, 0), ("loop", 16, 16), pytest.param("lawn-mower", 8, 8, marks=pytest.mark.slow)],
 )
 def test_names_are_not_accused_where_the_robot_drifted(
     preset: str, seed: int, filter_seed: int, monkeypatch: pytest.MonkeyPatch

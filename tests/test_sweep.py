@@ -313,8 +313,11 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_rows(
     assert len(store.rows()) == len(cells) == 12
 
 
-def test_a_scheduler_that_is_not_there_is_an_error_of_one_line(log: Path, tmp_path: Path) -> None:
+def test_a_scheduler_that_is_not_there_is_an_error_of_one_line(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("distributed", reason="Dask is not installed")
+    monkeypatch.setattr("fastslam.sweep.execute.WAIT_FOR_SCHEDULER_S", 1.0)
     spec = tmp_path / "spec.yaml"
     spec.write_text(SPEC)
     outcome = fastslam("sweep", spec, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")

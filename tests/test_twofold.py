@@ -70,6 +70,7 @@ def two_laps(field_m: Floats, off: Floats | None) -> tuple[Laid, Floats]:
     return found, np.full(len(mean_m), ERROR_M**2)
 
 
+@pytest.mark.slow(but="0")
 @pytest.mark.parametrize("seed", range(4))
 def test_a_field_that_was_mapped_anew_is_found_and_one_mapped_once_is_not(seed: int) -> None:
     field_m = scattered(seed)

@@ -52,6 +52,7 @@ def test_more_than_a_hundredth_dropped_is_a_line() -> None:
     assert result.verdict[0].endswith("and were left out")
 
 
+@pytest.mark.slow(but="2")
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_field_that_was_mapped_twice_is_said_and_one_mapped_once_is_not(seed: int) -> None:
     """Three laps with a sensor of 120 degrees: the plain filter maps all twice, the default once."""

@@ -20,6 +20,8 @@ Progress: TypeAlias = Callable[[int, int], None]
 
 MAX_ATTEMPTS = 3
 """A cell whose worker died this often is recorded as failed: it is likely what kills them."""
+WAIT_FOR_SCHEDULER_S = 10.0
+"""A scheduler that does not answer within this time is not there."""
 
 
 def sweep_cells(
@@ -124,7 +126,7 @@ def _on_dask(cells: Sequence[Cell], scheduler: str) -> Generator[dict[str, Any],
     except ImportError:
         raise ConfigError("a scheduler needs Dask: pip install distributed") from None
     try:
-        client = Client(scheduler, timeout=10)
+        client = Client(scheduler, timeout=WAIT_FOR_SCHEDULER_S)
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigError(f"scheduler {scheduler} cannot be reached: {error}") from None
     try:
