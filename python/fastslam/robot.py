@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 LIVE: Partial = {"filter": {"rejuvenation": {"delay_scans": 10, "keyframes": 5000}}}
-"""What a robot sets otherwise than the defaults: no step waits for a draw, and no draw grows with the hours."""
+"""What a robot sets otherwise than the defaults: no step waits for a draw, and draws stay short for hours."""
 
 
 class Robot:
