@@ -16,6 +16,7 @@ import pytest
 import yaml
 from cli_runner import fastslam
 from fastslam.config import Config
+from fastslam.errors import DataError
 from fastslam.resultfiles import read_result
 from small_log import LANDMARKS_M, write_small_log
 
@@ -95,6 +96,27 @@ def test_results_folder_and_latest_link_by_default(
     folders = sorted(path for path in (tmp_path / "results").iterdir() if not path.is_symlink())
     assert len(folders) == 2
     assert (tmp_path / "results" / "latest").resolve() == folders[-1]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, DataError], ids=["stopped", "failed"])
+def test_a_run_that_comes_to_nothing_leaves_no_folder_and_latest_as_it_was(
+    error: type[BaseException], log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert fastslam("run", log, "--no-report", "--particles", "10").exit_code == 0
+    first = (tmp_path / "results" / "latest").resolve()
+
+    def end(*_: object, **__: object) -> None:
+        raise error("nothing there yet")
+
+    monkeypatch.setattr("fastslam.cli.run.learned_into", end)
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    for out in ((), ("--out", tmp_path / "new"), ("--out", mine)):
+        assert fastslam("run", log, "--no-report", *out).exit_code != 0
+    assert sorted(path.name for path in (tmp_path / "results").iterdir()) == [first.name, "latest"]
+    assert (tmp_path / "results" / "latest").resolve() == first
+    assert not (tmp_path / "new").exists() and mine.is_dir()
 
 
 def test_the_likeliest_of_several_seeds_is_kept(log: Path, tmp_path: Path) -> None:

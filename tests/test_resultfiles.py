@@ -155,10 +155,13 @@ def test_result_folders_are_stamped_and_latest_points_to_the_last(tmp_path: Path
     second = new_result_folder(tmp_path / "results", now=now)
     assert (first.name, second.name) == ("2001-02-03_04-05-06", "2001-02-03_04-05-06-2")
     latest = tmp_path / "results" / "latest"
+    assert not latest.is_symlink(), "nothing is complete yet"
+    write_result(make_run(), make_log(), second)
     assert latest.is_symlink()
     assert latest.resolve() == second.resolve()
-    write_result(make_run(), make_log(), second)
     assert read_result(latest).version == "0.0.test"
+    new_result_folder(tmp_path / "results", now=now)
+    assert latest.resolve() == second.resolve()
 
 
 def test_without_links_latest_is_a_file_with_the_name(
@@ -168,17 +171,17 @@ def test_without_links_latest_is_a_file_with_the_name(
         raise OSError("links are not allowed here")
 
     monkeypatch.setattr(Path, "symlink_to", refuse)
-    new_result_folder(tmp_path, now=datetime(2001, 1, 1))
+    write_result(make_run(), make_log(), new_result_folder(tmp_path, now=datetime(2001, 1, 1)))
     folder = new_result_folder(tmp_path, now=datetime(2001, 1, 2))
-    assert (tmp_path / "latest").read_text().strip() == folder.name
     write_result(make_run(), make_log(), folder)
+    assert (tmp_path / "latest").read_text().strip() == folder.name
     assert read_result(tmp_path / "latest").version == "0.0.test"
 
 
 def test_a_folder_named_latest_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "latest").mkdir()
     (tmp_path / "latest" / "precious").write_text("data")
-    new_result_folder(tmp_path)
+    write_result(make_run(), make_log(), new_result_folder(tmp_path))
     assert (tmp_path / "latest" / "precious").read_text() == "data"
 
 

@@ -7,6 +7,7 @@ import io
 import json
 import math
 import os
+import re
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -57,6 +58,9 @@ OWN_FILES = (
 """Every file that a run may leave in its folder. A new run removes those of an older one and nothing else."""
 
 
+_STAMP = re.compile(r"\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d(-\d+)?")
+
+
 def write_result(
     result: RunResult,
     log: Log,
@@ -92,7 +96,8 @@ def replace_results(folder: Path, contents: Mapping[str, str]) -> dict[str, Path
     """Writes the files of a run in the place of an older run's; returns file name to path.
 
     All are written under temporary names first: a full disk leaves the older run whole. Then `run.json`,
-    without which nothing reads the folder, goes first and comes last. Errors: `DataError`.
+    without which nothing reads the folder, goes first and comes last; `latest` beside a folder that a stamp
+    names points to it then. Errors: `DataError`.
     """
     temporary = {name: folder / f".{name}.{uuid.uuid4().hex}" for name in contents}
     path = folder
@@ -113,6 +118,8 @@ def replace_results(folder: Path, contents: Mapping[str, str]) -> dict[str, Path
     except OSError as error:
         named = folder if path is folder else folder / path.name.split(".", 2)[1]
         raise DataError(f"cannot write: {error.strerror or error}", named) from error
+    if _STAMP.fullmatch(folder.name):
+        _point_latest(folder.parent, folder.name)
     return {name: folder / name for name in contents}
 
 
@@ -169,7 +176,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def new_result_folder(root: Path | str = "results", *, now: datetime | None = None) -> Path:
-    """Make `root/<stamp>` and point `root/latest` to it; returns the folder.
+    """Make `root/<stamp>` and return it; once it holds results `root/latest` points to it.
 
     A second run within the same second gets `<stamp>-2`. Where links cannot be made, `latest` is a text file
     that holds the folder's name; a `latest` that is a real folder is somebody's data and is left alone.
@@ -187,7 +194,6 @@ def new_result_folder(root: Path | str = "results", *, now: datetime | None = No
             continue
         except OSError as error:
             raise DataError(f"cannot make a results folder: {error.strerror or error}", folder) from error
-        _point_latest(base, folder.name)
         return folder
     raise DataError("a thousand results folders of this second exist", base / stamp)
 

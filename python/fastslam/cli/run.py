@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -172,7 +173,8 @@ def run_log(
         request = SpaceRequest(
             path, in_space, config, assigned, runs, not no_report, json, bool(auto), strict
         )
-        run_in_space(request, prepare_folder(out))
+        with results_folder(out) as folder:
+            run_in_space(request, folder)
         return
     flags = {"association": association, "algorithm": algorithm, "particles": particles}
     flags |= {"store": store, "threads": threads, "seed": seed}
@@ -186,7 +188,7 @@ def run_log(
         raise ConfigError("--best-of: goes with neither --runs nor --checkpoint-every and --resume")
     if resume and out is None:
         raise ConfigError("--resume: say with --out in which folder the run left its state")
-    with times_shown(verbose):
+    with times_shown(verbose), ExitStack() as at_end:
         with stage("load"):
             log = with_detector(load(path, format=format, robot=robot, run=run, topics=topics), *layers)
         configuration = configure(log, *layers)
@@ -195,7 +197,7 @@ def run_log(
         with stage("examine"):
             findings = () if unexamined else _examined(log, configuration)
         reference = LogReference(path, log.format, robot, run, topics)
-        folder = prepare_folder(out)
+        folder = at_end.enter_context(results_folder(out))
         log = detected(log)
         # A run that leaves its state begins at once, so that it can be stopped at any time.
         wanted = False if auto is None and (resume or checkpoint_every is not None) else auto
@@ -264,6 +266,19 @@ def prepare_folder(out: Path | None) -> Path:
     except OSError as error:
         raise DataError(f"cannot make a results folder: {error.strerror or error}", out) from None
     return out
+
+
+@contextmanager
+def results_folder(out: Path | None) -> Iterator[Path]:
+    """The folder that `prepare_folder` makes; it goes again if nothing is left in it, as by a stopped run."""
+    is_new = out is None or not out.exists()
+    folder = prepare_folder(out)
+    try:
+        yield folder
+    finally:
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()
 
 
 @dataclass(frozen=True)
