@@ -304,6 +304,23 @@ fn a_past_of_few_keyframes_closes_the_loop_too() {
 }
 
 #[test]
+fn loops_close_where_the_odometry_errs_ten_times_as_much_as_it_is_told() {
+    let confirmed = |output: &RunOutput| output.map.landmarks.iter().filter(|landmark| landmark.confirmed).count();
+    for seed in [702, 703] {
+        let mut simulation = SimulationConfig::preset("orchard").unwrap();
+        (simulation.seed, simulation.scan.identities) = (seed, fastslam_sim::Identities::None);
+        let (log, mut config, _) = simulated(&simulation);
+        let right = confirmed(&run(&config, &log, &mut Blind).unwrap());
+        let Motion::Velocity(velocity) = &mut config.motion else { panic!("{:?}", config.motion) };
+        velocity.speed_std_m_per_s /= 10.0;
+        velocity.yaw_rate_std_rad_per_s /= 10.0;
+        let found = confirmed(&run(&config, &log, &mut Blind).unwrap());
+        // By what the odometry is told to err they are two fields, side by side: more than 300 landmarks.
+        assert!(right > 150 && (right..right + 4).contains(&found), "seed {seed}: {found} of {right}");
+    }
+}
+
+#[test]
 fn names_that_come_back_after_a_long_way_correct_the_whole_way() {
     let (mut plain, mut drawn) = (Vec::new(), Vec::new());
     for seed in 1..4 {

@@ -35,6 +35,16 @@ pub const RARE: f64 = 20.0;
 /// The density of landmarks is that among so many neighbours.
 const NEIGHBOURS: usize = 8;
 
+/// So many times as far as the noise says pairs may be off together where nothing closes else.
+///
+/// **Why:** noise is told roughly, and what errs the same way all along a loop (a wheel, a clock) is no noise. That many
+/// pairs lie as one body lies elsewhere is no chance, whatever the way between says.
+const FARTHER: f64 = 10.0;
+/// Fewer pairs than this are not believed then: three numbers move a body.
+const FEWEST_FARTHER: usize = 4;
+/// Nor are pairs farther apart than this share of the way to the next landmark: a row fits on itself one further on.
+const AMBIGUOUS: f64 = 0.25;
+
 /// What it takes to close a loop.
 pub struct Closing<'a> {
     /// ln of how many times likelier one thing must be than two.
@@ -62,15 +72,15 @@ impl<M: Placing> Graph<'_, M> {
     ) -> (Mode, Vec<[u32; 2]>) {
         let mut merges = Vec::new();
         for pass in 0..PASSES {
-            let sets = self.sets(&mode, closing, &mut normal(mode.factor.size(), pass));
-            // All together, or else the likeliest alone.
-            let mut attempts: Vec<&[Set]> = vec![&sets];
-            attempts.extend(sets.get(..1).filter(|_| sets.len() > 1));
-            let Some((landmarks, new_mode, pairs)) =
-                attempts.into_iter().find_map(|sets| self.closed(sets, &mode, closing))
-            else {
-                break;
-            };
+            let deviations = self.deviations(&mode, &mut normal(mode.factor.size(), pass));
+            let closed = [1.0, FARTHER].into_iter().find_map(|farther| {
+                let sets = self.sets(&mode, closing, (&deviations, farther));
+                // All together, or else the likeliest alone.
+                let mut attempts: Vec<&[Set]> = vec![&sets];
+                attempts.extend(sets.get(..1).filter(|_| sets.len() > 1));
+                attempts.into_iter().find_map(|sets| self.closed(sets, &mode, closing, farther))
+            });
+            let Some((landmarks, new_mode, pairs)) = closed else { break };
             merges.extend(pairs.iter().map(|[older, younger]| [*younger, *older].map(|k| self.landmarks[k].birth)));
             (self.landmarks, mode) = (landmarks, new_mode);
         }
@@ -78,14 +88,21 @@ impl<M: Placing> Graph<'_, M> {
     }
 
     /// The landmarks and the mode with the pairs made one; `None` when that does not fit or there are none.
-    fn closed(&self, sets: &[Set], mode: &Mode, closing: &Closing<'_>) -> Option<(Vec<Sights>, Mode, Vec<Pair>)> {
+    fn closed(
+        &self,
+        sets: &[Set],
+        mode: &Mode,
+        closing: &Closing<'_>,
+        farther: f64,
+    ) -> Option<(Vec<Sights>, Mode, Vec<Pair>)> {
         let pairs: Vec<Pair> = sets.iter().flat_map(|set| set.pairs.iter().copied()).collect();
         if pairs.is_empty() {
             return None;
         }
         let (landmarks, new_mode) = self.joined(&pairs, mode)?;
         let worse = 2.0 * (new_mode.cost - mode.cost);
-        let unlikely = worse - chi_squared_limit(2 * pairs.len());
+        let together = (farther * farther - 1.0) * sets.len() as f64 * chi_squared_limit(3);
+        let unlikely = worse - chi_squared_limit(2 * pairs.len()) - together;
         let odds: f64 = sets.iter().map(|set| set.log_odds).sum();
         let paid = closing.odds_outweigh_misfit && odds >= sets.len() as f64 * closing.log_odds + unlikely;
         (unlikely <= 0.0 || paid).then_some((landmarks, new_mode, pairs))
@@ -113,16 +130,16 @@ impl<M: Placing> Graph<'_, M> {
         Some((graph.landmarks, mode))
     }
 
-    /// Sets of pairs that are likely enough the same things, the likeliest first; no landmark is in two of them.
-    fn sets(&self, mode: &Mode, closing: &Closing<'_>, normal: &mut [Lanes]) -> Vec<Set> {
-        let deviations = self.deviations(mode, normal);
+    /// Sets of pairs that are likely enough the same things, the likeliest first; no landmark is in two of them. The pairs
+    /// of a set may be so many times farther off together than the noise says.
+    fn sets(&self, mode: &Mode, closing: &Closing<'_>, (deviations, farther): (&[Deviations], f64)) -> Vec<Set> {
         let candidates: Vec<Vec<Candidate>> = (0..self.landmarks.len())
-            .map(|younger| self.candidates(younger, mode, closing, &deviations))
+            .map(|younger| self.candidates(younger, mode, closing, (deviations, farther)))
             .filter(|found| !found.is_empty())
             .collect();
         let groups = candidates.chunks(YOUNGER_AT_ONCE);
         let mut sets: Vec<Set> =
-            groups.filter_map(|group| self.likeliest_set(&group.concat(), mode, closing)).collect();
+            groups.filter_map(|group| self.likeliest_set(&group.concat(), mode, closing, farther)).collect();
         sets.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
         let mut used = vec![false; self.landmarks.len()];
         sets.retain(|set| {
@@ -153,11 +170,11 @@ impl<M: Placing> Graph<'_, M> {
         younger: usize,
         mode: &Mode,
         closing: &Closing<'_>,
-        deviations: &[Deviations],
+        (deviations, farther): (&[Deviations], f64),
     ) -> Vec<Candidate> {
         let at = &mode.solution.landmarks;
         let distance = |older: usize| {
-            let apart = [at[older][0] - at[younger][0], at[older][1] - at[younger][1]];
+            let apart = [0, 1].map(|axis| (at[older][axis] - at[younger][axis]) / farther);
             deviations[older].distance(&deviations[younger], apart, closing.tolerance_m2)
         };
         let mut near: Vec<(f64, usize)> =
@@ -165,6 +182,9 @@ impl<M: Placing> Graph<'_, M> {
         near.sort_by(|a, b| a.0.total_cmp(&b.0));
         let log_density = if near.is_empty() { 0.0 } else { log_density(at, younger) };
         let candidate = |older: usize| {
+            if farther > 1.0 && !is_unambiguous(at, [older, younger]) {
+                return None;
+            }
             let [old, young] = [older, younger].map(|k| &self.landmarks[k]);
             let evidence = (closing.evidence)([old.birth, young.birth])?;
             let apart = RARE * seen_together(old, young) as f64 <= old.seen.len().min(young.seen.len()) as f64;
@@ -175,8 +195,12 @@ impl<M: Placing> Graph<'_, M> {
 
     /// The likeliest set of these pairs without those that another likely set contradicts; `None` when it is not likely
     /// enough.
-    fn likeliest_set(&self, candidates: &[Candidate], mode: &Mode, closing: &Closing<'_>) -> Option<Set> {
-        let differences = self.differences(candidates, mode, closing.tolerance_m2);
+    fn likeliest_set(&self, candidates: &[Candidate], mode: &Mode, closing: &Closing<'_>, farther: f64) -> Option<Set> {
+        let mut differences = self.differences(candidates, mode, closing.tolerance_m2);
+        if farther > 1.0 {
+            let places: Vec<[f64; 2]> = candidates.iter().map(|c| mode.solution.landmarks[c.pair[0]]).collect();
+            differences = differences.with_rigid_variance(&places, farther * farther);
+        }
         let grown = (0..candidates.len()).filter_map(|first| differences.grow(candidates, first));
         let mut sets: Vec<Set> = grown.filter(|set| set.log_odds > 0.0).collect();
         sets.sort_by(|a, b| b.log_odds.total_cmp(&a.log_odds));
@@ -187,7 +211,10 @@ impl<M: Placing> Graph<'_, M> {
         if likeliest.pairs.len() < sets[0].pairs.len() {
             likeliest.log_odds = differences.log_odds_of(candidates, &likeliest.pairs);
         }
-        (likeliest.log_odds >= closing.log_odds).then_some(likeliest)
+        if farther > 1.0 && likeliest.pairs.len() < FEWEST_FARTHER {
+            return None;
+        }
+        (likeliest.log_odds >= closing.log_odds + 2.0 * math::ln(farther)).then_some(likeliest)
     }
 
     /// The joint belief about how far the landmarks of each pair are apart.
@@ -252,6 +279,13 @@ impl Deviations {
         let distance = mahalanobis_squared(apart, spread);
         (distance <= LOOSE_GATE).then_some(distance)
     }
+}
+
+/// Whether two landmarks are far nearer to each other than the next landmark, of those before the younger, is to the older.
+fn is_unambiguous(at: &[[f64; 2]], [older, younger]: Pair) -> bool {
+    let squared = |k: usize| (at[k][0] - at[older][0]).powi(2) + (at[k][1] - at[older][1]).powi(2);
+    let next = (0..younger).filter(|k| *k != older).map(squared).fold(f64::INFINITY, f64::min);
+    squared(younger) <= AMBIGUOUS * AMBIGUOUS * next
 }
 
 /// ln of the number of landmarks per square metre around one of them.

@@ -63,6 +63,25 @@ impl Differences {
         Self { mean, covariance }
     }
 
+    /// The same where what moves all pairs, which lie here, as one rigid body varies so many times as much.
+    pub fn with_rigid_variance(mut self, places: &[[f64; 2]], times: f64) -> Self {
+        let modes = rigid_modes(places);
+        let (size, more) = (2 * self.mean.len(), times - 1.0);
+        let along = |mode: &[f64], row: usize| -> f64 {
+            self.covariance[row * size..][..size].iter().zip(mode).map(|(value, part)| value * part).sum()
+        };
+        let images: Vec<Vec<f64>> = modes.iter().map(|mode| (0..size).map(|row| along(mode, row)).collect()).collect();
+        for (one, image) in modes.iter().zip(&images) {
+            for other in &modes {
+                let shared: f64 = image.iter().zip(other).map(|(value, part)| value * part).sum();
+                for (i, value) in self.covariance.iter_mut().enumerate() {
+                    *value += more * shared * one[i / size] * other[i % size];
+                }
+            }
+        }
+        self
+    }
+
     /// The set that begins with one pair and takes in the likeliest remaining pair, given those before, while it gains.
     ///
     /// `None` when the first pair is out of its gate.
@@ -127,6 +146,21 @@ impl Differences {
     }
 }
 
+/// Unit vectors along which all differences at these places move as one: along x, along y, turned about their middle.
+fn rigid_modes(places: &[[f64; 2]]) -> Vec<Vec<f64>> {
+    let count = places.len() as f64;
+    let middle = [0, 1].map(|axis| places.iter().map(|place| place[axis]).sum::<f64>() / count);
+    let along = |axis: usize| (0..2 * places.len()).map(|i| if i % 2 == axis { 1.0 } else { 0.0 }).collect();
+    let turned = places.iter().flat_map(|place| [middle[1] - place[1], place[0] - middle[0]]).collect();
+    let mut modes: Vec<Vec<f64>> = vec![along(0), along(1), turned];
+    modes.retain_mut(|mode| {
+        let length = mode.iter().map(|part| part * part).sum::<f64>().sqrt();
+        mode.iter_mut().for_each(|part| *part /= length);
+        length > 0.0
+    });
+    modes
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -169,5 +203,25 @@ mod tests {
         assert_eq!(differences.grow(&candidates, 0).unwrap().pairs, vec![[0, 5]]);
         assert!(differences.grow(&candidates, 2).is_none());
         assert_eq!(differences.log_odds_of(&candidates, &[[0, 5], [1, 6]]), f64::NEG_INFINITY);
+    }
+
+    #[test]
+    fn what_moves_all_as_one_body_varies_more_and_nothing_else_does() {
+        let places = [[0.0, 0.0], [4.0, 0.0], [0.0, 3.0], [5.0, 7.0]];
+        let own = |[p, a]: Pair, [q, b]: Pair| if (p, a) == (q, b) { 0.01 } else { 0.0 };
+        let wide = Differences::new(vec![[0.0; 2]; 4], 0.0, own).with_rigid_variance(&places, 100.0);
+        let variance = |of: &dyn Fn(usize) -> [f64; 2]| {
+            let direction: Vec<f64> = (0..4).flat_map(of).collect();
+            let length: f64 = direction.iter().map(|part| part * part).sum();
+            let at = |i: usize, j: usize| wide.covariance[8 * i + j] * direction[i] * direction[j];
+            (0..64).map(|i| at(i / 8, i % 8)).sum::<f64>() / length
+        };
+        for rigid in
+            [&(|_| [1.0, 0.0]) as &dyn Fn(usize) -> [f64; 2], &|_| [0.0, 1.0], &|i| [-places[i][1], places[i][0]]]
+        {
+            assert!((variance(rigid) - 1.0).abs() < 1e-9, "{}", variance(rigid));
+        }
+        // Stretched about the middle.
+        assert!((variance(&|i| [places[i][0] - 2.25, places[i][1] - 2.5]) - 0.01).abs() < 1e-9);
     }
 }
