@@ -331,7 +331,7 @@ def test_a_robot_that_starts_beside_its_start_does_not_map_all_anew(seed: int) -
     assert truth is not None
     assert np.hypot(*(result_m[:2] - truth.T_world_robot[-1, :2])) < 0.6
     assert len(robot.changes.gone) <= 2
-    # A run over the log is not searched for; it says so. A draw may find out that all of the map lies elsewhere.
+    # A run over the log is not searched for; it says so. A draw may find that all of the map lies elsewhere.
     lost = run(log, UNKNOWN, map=kept, start=beside)
     assert any(sentence.startswith("the filter was lost") for sentence in lost.verdict), lost.verdict
     is_off = np.hypot(*(lost.trajectory.T_world_robot[-1, :2] - truth.T_world_robot[-1, :2])) > 0.6

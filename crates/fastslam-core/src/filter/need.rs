@@ -17,6 +17,8 @@ const SUSPECTS: u32 = 3;
 const MANY_SUSPECTS: u32 = 15;
 /// Work that all draws may take together then, and where names close a loop, in terms of that of the filter.
 const OVERDRAFT: f64 = 6.0;
+/// Work that the draw at the end may take, in terms of that of the filter.
+const AT_END: f64 = 60.0;
 
 /// Draws that take no more than so many times this, in sightings of a particle, are done in any case: a tenth of a second.
 const LEAST_WORK: f64 = 1e6;
@@ -101,6 +103,11 @@ impl Need {
     /// Work that a single draw may take: as much as all together where a loop is sure, of a filter of some work at least.
     pub fn most_work(&self) -> f64 {
         OVERDRAFT * self.work_of_filter.max(LEAST_WORK)
+    }
+
+    /// Work that the draw at the end may take.
+    pub fn most_work_at_end(&self) -> f64 {
+        AT_END * self.work_of_filter.max(LEAST_WORK)
     }
 
     /// Whether a draw now is within the budget.

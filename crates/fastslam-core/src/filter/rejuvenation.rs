@@ -121,13 +121,16 @@ pub(super) fn take_back(state: &mut State, asked: Asked) {
     }
 }
 
-/// Draws all particles anew from the posterior over paths and maps, given the best particle's associations, whatever it
-/// takes: somebody asks for it, or the log has ended.
+/// Draws all particles anew from the posterior over paths and maps, given the best particle's associations: somebody asks
+/// for it, or the log has ended. Where draws follow need it may take many times the filter's work, not any time.
 ///
 /// Returns false, and leaves everything as it is, when the filter was not configured for it (`filter.rejuvenation`), when
-/// nothing happened since the last time, or when no finite solution was found.
+/// nothing happened since the last time, when no finite solution was found, or none at that price: the map of a robot that
+/// was lost all along may be a problem that is solved in hours.
 pub(super) fn rejuvenate<M: Placing>(setup: &Setup<M>, state: &mut State, work: &mut Work) -> bool {
-    rejuvenate_within(setup, state, work, &Effort::any())
+    let need = state.rejuvenation.as_ref().and_then(|rejuvenation| rejuvenation.need.as_ref());
+    let effort = need.map_or(Effort::any(), |need| Effort::in_all(need.most_work_at_end()));
+    rejuvenate_within(setup, state, work, &effort)
 }
 
 /// The same between two steps: not where paths are drawn by need and this draw would take too much.

@@ -2,10 +2,11 @@
 
 use std::cell::Cell;
 
-/// Work that was done, and how much a problem may take.
+/// Work that was done, and how much a problem may take, or all together.
 #[derive(Debug)]
 pub struct Effort {
     most: f64,
+    most_in_all: f64,
     done: Cell<f64>,
     refused: Cell<Option<f64>>,
 }
@@ -13,7 +14,12 @@ pub struct Effort {
 impl Effort {
     /// A problem that takes more is not solved.
     pub fn up_to(most: f64) -> Self {
-        Self { most, done: Cell::new(0.0), refused: Cell::new(None) }
+        Self { most, most_in_all: f64::INFINITY, done: Cell::new(0.0), refused: Cell::new(None) }
+    }
+
+    /// All problems together take hardly more.
+    pub fn in_all(most_in_all: f64) -> Self {
+        Self { most_in_all, ..Self::any() }
     }
 
     /// Whatever it takes.
@@ -23,11 +29,16 @@ impl Effort {
 
     /// Whether a problem of so much work may be solved.
     pub fn allows(&self, work: f64) -> bool {
-        let allows = work <= self.most;
+        let allows = work <= self.most && self.done.get() + work <= self.most_in_all;
         if !allows {
             self.refused.set(Some(work));
         }
         allows
+    }
+
+    /// Spends so much; `None` where that is not allowed.
+    pub fn take(&self, work: f64) -> Option<()> {
+        self.allows(work).then(|| self.spend(work))
     }
 
     /// So much was done.

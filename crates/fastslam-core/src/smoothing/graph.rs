@@ -132,7 +132,7 @@ impl<M: Placing> Graph<'_, M> {
         let mut best = (guess.clone(), self.cost(&guess));
         let (mut at, mut risen) = (guess, 0);
         for _ in 0..ITERATIONS {
-            self.effort.spend(each);
+            self.effort.take(each)?;
             self.linearize(&at, &mut equations);
             if let Some(Stepped { to, cost, promised }) = self.step(&at, &equations, &mut factor) {
                 if cost <= best.1 {
@@ -188,6 +188,7 @@ impl<M: Placing> Graph<'_, M> {
     ) -> Option<(Solution, f64)> {
         for damping in DAMPING {
             equations.upper.scale_diagonal(1.0 + damping);
+            self.effort.spend(0.01 * factor.operations());
             let stepped = self.step(solution, equations, factor);
             if let Some(Stepped { to, cost, .. }) = stepped.filter(|stepped| stepped.cost <= *cost) {
                 return Some((to, cost));
@@ -468,6 +469,18 @@ mod tests {
         let tight = Effort::up_to(1.0);
         assert!(graph((&history, &tight), sights, 0).solve(guess).is_none());
         assert!(tight.done() == 0.0 && tight.refused().is_some_and(|work| work > 1.0));
+    }
+
+    #[test]
+    fn problems_that_take_too_much_together_are_not_gone_on_with() {
+        let (history, sights, guess) = example(Tail::Gaussian);
+        let one = Effort::any();
+        graph((&history, &one), sights.clone(), 0).solve(guess.clone()).unwrap();
+        let together = Effort::in_all(2.5 * one.done());
+        let solved =
+            (0..9).take_while(|_| graph((&history, &together), sights.clone(), 0).solve(guess.clone()).is_some());
+        assert_eq!(solved.count(), 2);
+        assert!(together.done() <= 2.5 * one.done() && together.refused().is_some());
     }
 
     #[test]
