@@ -115,6 +115,7 @@ def test_dates_gaps_and_indexes(backend: str) -> None:
     [
         ({"w": []}, {}, r"odometry: column yaw_rate_rad_per_s is missing: got stamp_s,speed_m_per_s"),
         ({"sped": [1, 2, 3]}, {}, r"^odometry: unknown column: got sped, .* did you mean speed_m_per_s"),
+        ({"sped_km_per_h": [1, 2, 3]}, {}, r"got sped_km_per_h, .* did you mean speed_km_per_h\?"),
         ({"v": ["1", "2", "fast"]}, {}, r"^odometry:2: v: got 'fast', expected a number"),
         ({}, {"bearing_deg": [20000.0, 30000.0]}, r"^sightings: bearings up to .* degrees\?"),
         ({"t": [0.0, 5.0, 1.0]}, {}, r"^odometry: clock set back: odometry row 3"),

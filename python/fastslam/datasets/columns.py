@@ -196,14 +196,21 @@ def _index_column(table: CsvTable) -> str | None:
     return unnamed
 
 
+def _in_unit(quantity: str, unit: str) -> str:
+    """A quantity's name with a unit of the same kind as its own, which the rows are in; else as it is."""
+    name, own = split_unit(quantity)
+    same_kind = unit in UNITS and own in UNITS and UNITS[unit][0] == UNITS[own][0]
+    return f"{name}_{unit}" if same_kind else quantity
+
+
 def _unknown(written: str, known: Sequence[Quantity], present: Mapping[str, tuple[Quantity, str]]) -> str:
     there = {quantity.name for quantity, _ in present.values()}
     open_names = [quantity.name for quantity in known if quantity.name not in there]
-    name, _ = split_unit(written)
+    name, unit = split_unit(written)
     words = {word: quantity.name for quantity in known for word in (quantity.name, *quantity.words)}
     near = difflib.get_close_matches(plain_name(written), words, n=1) or difflib.get_close_matches(
         name, words, n=1
     )
-    hint = f", did you mean {words[near[0]]}?" if near else ", or remove it"
+    hint = f", did you mean {_in_unit(words[near[0]], unit)}?" if near else ", or remove it"
     shown = written or "(no name)"
     return f"unknown column: got {shown}, expected {','.join(open_names)}{hint}"
