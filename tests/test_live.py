@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 from fastslam import Map, run
+from fastslam.config import merge
 from fastslam.errors import DataError
 from fastslam.live import Session, live, session_of
 from fastslam.resultfiles import read_result
 from fastslam.robot import Robot
+from fastslam.watching import frame_of
 from small_log import events, make_small_log, tell
 
 LOG = make_small_log(steps=120)
@@ -121,6 +123,20 @@ def test_estimates_come_at_the_rate_and_say_what_changed() -> None:
     gaps = np.diff([estimate.stamp_s for estimate in told])
     assert len(told) > 15 and (gaps[:-1] >= 0.5 - 1e-9).all()
     assert sum(len(estimate.changed) for estimate in told) >= 6
+    assert all(json.loads(estimate.to_line())["verdict"] == [] for estimate in told)
+
+
+def test_estimates_say_what_speaks_against_the_drive_and_pages_show_it() -> None:
+    robot = Robot(merge(LOG.config, {"sensor": {"max_range_m": 4.0}}))
+    session = session_of(robot, rate_hz=20.0)
+    lines = [session.take(line) for line in event_lines()]
+    told = [json.loads(estimate.to_line())["verdict"] for estimate in lines if estimate is not None]
+    first = next(number for number, verdict in enumerate(told) if verdict)
+    assert 0 < first < 0.9 * len(told) and all(told[first:]), "after a hundred sightings, and from then on"
+    assert "lie beyond" in told[-1][0]
+    assert robot.last_step is not None
+    frame = frame_of(robot.view(robot.last_step), (0.0, 0.0, 0.0))
+    assert frame["verdict"] == robot.verdict
 
 
 def test_of_a_scan_only_the_sighting_of_an_unknown_class_is_left_out(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fastslam import FastSlam, Robot, Start, run
+from fastslam.config import merge
 from fastslam.errors import ConfigError, DataError
 from fastslam.health import status_name
 from fastslam.robot import Step, Window
@@ -124,6 +125,46 @@ def test_the_map_of_a_robot_is_that_of_its_end_and_the_robot_goes_on() -> None:
     np.testing.assert_array_equal(early.landmarks.mean_m, kept.landmarks.mean_m)
     np.testing.assert_array_equal(robot.map.landmarks.mean_m, kept.landmarks.mean_m)
     assert early.made_from == kept.made_from and early.name == "live"
+
+
+MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
+    "none": ({}, ""),
+    "reach": ({"sensor": {"max_range_m": 4.0}}, "lie beyond sensor.max_range_m = 4"),
+    "noise": ({"sensor": {"range_std_m": 0.01, "bearing_std_rad": 0.001}}, "innovations are larger than"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_the_verdict_so_far_is_told_on_the_way_and_kept_in_a_file(mistake: str) -> None:
+    log = make_small_log(steps=400)
+    settings, expected = MISTAKES[mistake]
+    robot = Robot(merge(log.config, CONFIG, {"association": {"mode": "unknown"}}, settings))
+    told: list[tuple[str, ...]] = []
+    for number, row in enumerate(sorted(events(log))):
+        tell(robot, log, row)
+        if number % 20 == 0:
+            told.append(robot.verdict)
+        if number == 150:
+            robot = pickle.loads(pickle.dumps(robot))
+    assert len(told) > 20 and told[0] == (), "the first sightings say nothing"
+    if not expected:
+        assert not any(told)
+        return
+    assert any(expected in sentence for sentence in told[-1])
+    assert any(expected in " ".join(verdict) for verdict in told[:-5]), "before the end"
+    robot.end()
+    assert robot.verdict and any(expected in sentence for sentence in robot.verdict)
+
+
+def test_the_verdict_so_far_says_what_a_run_says_of_what_was_dropped() -> None:
+    log = make_small_log()
+    config = merge(log.config, CONFIG, {"sensor": {"max_range_m": 4.0}})
+    robot = Robot(config, identities="all")
+    for row in sorted(events(log)):
+        tell(robot, log, row)
+    robot.end()
+    verdict = run(log, merge(CONFIG, {"sensor": {"max_range_m": 4.0}}), auto=False).verdict
+    assert robot.verdict and robot.verdict[0] == verdict[0].replace(" (feet?)", "")
 
 
 def test_every_pose_that_is_told_can_be_a_start() -> None:

@@ -251,6 +251,9 @@ class Stream:
     def output(self) -> dict[str, Any]:
         """What it has come to, as `run` returns it; the steps are those that were kept."""
 
+    def so_far(self) -> dict[str, Any]:
+        """`noise` and `skipped` of `output`, at a cost that does not grow with the drive."""
+
     def save(self, note: str) -> bytes: ...
     def odometry(
         self, stamp_s: float, control: list[float], covariance: list[list[float]] | None = None

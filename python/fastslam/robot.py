@@ -40,6 +40,7 @@ from .sensor_checks import begun
 from .sensors import Sensor, adapted, own_layer
 from .settings import Layer, Partial
 from .several import each_sensor, refuse_several, sensor_number
+from .so_far import SoFar
 from .unused import Unused
 from .window import Step as Step
 from .window import Window as Window
@@ -183,6 +184,7 @@ class Robot:
         self._step = None
         self._lost = Lost()
         self._unused = Unused()
+        self._so_far = SoFar()
         self._told = Told()
         self._refused = {}
         self._unexplained = 0
@@ -384,13 +386,32 @@ class Robot:
                 return None
             return changes(self.landmarks, chart, self._stream.map(), self.config)
 
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """What speaks against the drive so far, a sentence each; none while `searching`.
+
+        The part of `RunResult.verdict` that needs what the filter holds and no log, so that it costs the same
+        after hours: sightings that could not be used, nothing mapped or seen twice, landmarks that were not
+        found again, times in which the filter was lost, innovations larger than the noise explains, and
+        landmarks that a kept map lacks. Not in it: what lays all sightings on the map, and names at two
+        places. It counts from where the robot began or was found; says nothing of the first 100 sightings.
+        """
+        with self._lock:
+            if self._search is not None:
+                return ()
+            kept, changes = None, self.changes
+            if self._chart is not None and changes is not None:
+                kept = (self.landmarks, self._chart, changes)
+            return self._so_far.verdict(self._stream.so_far(), self.config, kept)
+
     def view(self, step: Step) -> View:
         """What a page that watches draws: what is known now, with the last step that was computed."""
         from .watching import view_of
 
         with self._lock:
             fields = (step.stamp_s, step.T_world_robot, step.covariance, step.info)
-            return view_of(self._stream.view(), self._names(), fields)
+            view = view_of(self._stream.view(), self._names(), fields)
+            return replace(view, verdict=self.verdict)
 
     @property
     def path(self) -> Trajectory:
@@ -456,6 +477,7 @@ class Robot:
                 refused=self._refused or None,
                 lost_since_s=self._lost.since_s,
                 unused=self._unused.to_json(),
+                so_far=self._so_far.to_json(),
                 scanner=self._scanner,
                 told=self._told.kept or None,
             )
@@ -478,6 +500,7 @@ class Robot:
         self._refused = kept.get("refused", {})
         self._lost = Lost(kept.get("lost_since_s"))
         self._unused = Unused.of_json(kept.get("unused"))
+        self._so_far = SoFar.of_json(kept.get("so_far"))
         self._told = Told(kept.get("told"))
         self._scanner = tuple(kept["scanner"]) if "scanner" in kept else None
         if "chart" in kept:
@@ -541,7 +564,7 @@ class Robot:
             if name != "waiting":
                 self._refused[name] = self._refused.get(name, 0) + count
         self._stream, self._step, self._lost = self._fresh_stream(), None, Lost()
-        self._unused = Unused()
+        self._unused, self._so_far = Unused(), SoFar()
 
     def _computed(self) -> tuple[Step, ...]:
         """The steps that the rows so far allow."""
@@ -556,6 +579,7 @@ class Robot:
                 continue
             if answer is None:
                 self._step = steps[-1] if steps else self._step
+                self._so_far.add(steps)
                 return tuple(steps)
             (stamp_s, mean, covariance), fields = answer
             unused = self._unused.of_step(stamp_s, fields, self.config)

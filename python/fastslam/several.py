@@ -110,6 +110,7 @@ def as_of_one(log: Log, config: Mapping[str, Any]) -> tuple[Log, dict[str, Any]]
     names, sensors = sensor_names(config), each_sensor(config)
     if not names:
         return log, dict(config)
+    judged = config_as_of_one(config)
     try:
         seen, numbers = as_the_core_takes(log, config)
     except DataError:
@@ -120,11 +121,16 @@ def as_of_one(log: Log, config: Mapping[str, Any]) -> tuple[Log, dict[str, Any]]
     x_m, y_m = _in_robot_frame(seen, of, sensors)
     range_m, bearing_rad = np.hypot(x_m, y_m), np.arctan2(y_m, x_m)
     alike = replace(seen, range_m=range_m, bearing_rad=bearing_rad, covariance=None, sensor_index=None)
+    return replace(log, sightings=alike, sensor_names=()), judged
+
+
+def config_as_of_one(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The configuration of `as_of_one`."""
+    if not sensor_names(config):
+        return dict(config)
+    whole = [one for one in each_sensor(config) if one["model"] == "range_bearing"]
     rest = {key: value for key, value in config.items() if key != "sensors"}
-    return replace(log, sightings=alike, sensor_names=()), {
-        **rest,
-        "sensor": _worst([one for one in sensors if one["model"] == "range_bearing"]),
-    }
+    return {**rest, "sensor": _worst(whole)}
 
 
 def _in_robot_frame(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,9 +12,12 @@ from .health import HealthStatus, health_summary
 from .laid import Laid, believed, laid_on_map, laid_on_provisional
 from .log import Bools, Log
 from .placement import common_variance_m2
-from .result import RunResult
+from .result import LandmarkMap, RunResult
 from .standing import Standing, standing
 from .twofold import twofold
+
+if TYPE_CHECKING:
+    from .maps import Changes, Map
 
 MOST_WRONG = 0.1
 """A map of which more of the landmarks are wrong is not to be believed."""
@@ -85,23 +89,32 @@ def _of_steps(result: RunResult, laid: Laid | None) -> Iterator[Doubt]:
     if health_summary(result.steps).lost is not None:
         judged = result.steps.health != HealthStatus.INITIALIZING
         lost = float(lost_for_good(result, laid)[judged].mean())
-        hint = (
-            "" if result.chart is None else "; where its start is not sure, a search in the map may find it"
-        )
-        yield Doubt(LOST, lost / MOST_LOST, f"{WAS_LOST} in {lost:.0%} of its steps{hint}")
-    nis, band = result.noise.get("nis"), result.noise.get("nis_band")
-    if nis is not None and band is not None and band[1] > 0:
-        whole = result.config["sensor"]["model"] == "range_bearing"
-        most = band[1] * (LARGEST_INNOVATION_STD if whole else LARGEST_PARTIAL_STD) ** 2
-        sentence = (
-            f"innovations are larger than the noise explains (NIS {nis:.1f}, at most {band[1]:.1f}): "
-            "the noise is told too small, or map and path are wrong"
-        )
-        yield Doubt("innovations", nis / most, sentence)
+        yield of_lost_steps(lost, in_kept_map=result.chart is not None)
+    yield from of_innovations(result.noise, result.config)
     visited = result.counts.get("landmarks_visited_again", 0)
     missed = result.counts.get("landmarks_not_found_again", 0)
     sentence = f"{missed:,} of {visited:,} landmarks were not found when the robot came back to them"
     yield Doubt(NOT_FOUND, missed / max(FEW, MOST_WRONG * visited), sentence)
+
+
+def of_lost_steps(share: float, *, in_kept_map: bool) -> Doubt:
+    """What it says that the filter was lost in this share of the steps that were judged."""
+    hint = "; where its start is not sure, a search in the map may find it" if in_kept_map else ""
+    return Doubt(LOST, share / MOST_LOST, f"{WAS_LOST} in {share:.0%} of its steps{hint}")
+
+
+def of_innovations(noise: Mapping[str, Any], config: Mapping[str, Any]) -> Iterator[Doubt]:
+    """What the innovations of all that was driven say; `noise` as in `RunResult.noise`."""
+    nis, band = noise.get("nis"), noise.get("nis_band")
+    if nis is None or band is None or not band[1] > 0:
+        return
+    whole = config["sensor"]["model"] == "range_bearing"
+    most = band[1] * (LARGEST_INNOVATION_STD if whole else LARGEST_PARTIAL_STD) ** 2
+    sentence = (
+        f"innovations are larger than the noise explains (NIS {nis:.1f}, at most {band[1]:.1f}): "
+        "the noise is told too small, or map and path are wrong"
+    )
+    yield Doubt("innovations", nis / most, sentence)
 
 
 def lost_for_good(result: RunResult, laid: Laid | None) -> Bools:
@@ -128,22 +141,30 @@ def lost_for_good(result: RunResult, laid: Laid | None) -> Bools:
 
 
 def _of_kept_map(result: RunResult) -> Iterator[Doubt]:
-    if result.chart is None or result.changes is None or result.config["association"]["mode"] == "known":
+    if result.chart is not None and result.changes is not None:
+        yield from of_kept_map(result.landmarks, result.chart, result.changes, result.config)
+
+
+def of_kept_map(
+    landmarks: LandmarkMap, chart: Map, changes: Changes, config: Mapping[str, Any]
+) -> Iterator[Doubt]:
+    """What it says of a robot in a kept map that landmarks among those of the map are none of it."""
+    if config["association"]["mode"] == "known":
         return
     from scipy.spatial import cKDTree
 
-    kept_m = result.chart.landmarks.mean_m
+    kept_m = chart.landmarks.mean_m
     if len(kept_m) <= NEIGHBOURS:
         return
-    names = set(result.changes.new)
-    new = [row for row, name in enumerate(result.landmarks.ids) if name in names]
+    names = set(changes.new)
+    new = [row for row, name in enumerate(landmarks.ids) if name in names]
     tree = cKDTree(kept_m)
     near_m = float(np.median(tree.query(kept_m, k=NEIGHBOURS + 1)[0][:, -1]))
-    among = int((tree.query(result.landmarks.mean_m[new])[0] < near_m).sum())
-    seen = among + result.changes.sighted
+    among = int((tree.query(landmarks.mean_m[new])[0] < near_m).sum())
+    seen = among + changes.sighted
     sentence = (
         f"{among:,} landmarks that stand among those of the kept map are none of it, and "
-        f"{result.changes.sighted:,} of it were sighted: the robot is not where it thinks, or the world has "
+        f"{changes.sighted:,} of it were sighted: the robot is not where it thinks, or the world has "
         "changed"
     )
     yield Doubt("kept map", among / max(FEW_ODD, MOST_NEW * seen), sentence)

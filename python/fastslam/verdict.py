@@ -76,7 +76,8 @@ def _held_against(
     total = len(log.sightings.stamp_s)
     if total == 0:
         return ("nothing was mapped: the log has no sightings; the path is that of the odometry alone",), ()
-    dropped = tuple(_dropped(result, log.sightings))
+    unit = _unit(log.sightings.range_m, config["sensor"])
+    dropped = tuple(dropped_sentences(result.counts, total, config["sensor"], unit))
     of_map = _map_verdict(result, total, explained=bool(dropped))
     missing = not_found_again(result)
     again = () if missing is None else (missing,)
@@ -89,11 +90,16 @@ def _held_against(
 
 def not_found_again(result: RunResult) -> str | None:
     """A sentence where landmarks were not there when the robot came back to them; None where they were."""
-    visited = result.counts.get("landmarks_visited_again", 0)
-    missed = result.counts.get("landmarks_not_found_again", 0)
+    return not_found_sentence(result.counts, result.config)
+
+
+def not_found_sentence(counts: Mapping[str, int], config: Mapping[str, Any]) -> str | None:
+    """The same from the counts of a run, or of a drive so far."""
+    visited = counts.get("landmarks_visited_again", 0)
+    missed = counts.get("landmarks_not_found_again", 0)
     if missed < max(FEW, NOT_FOUND_AGAIN * visited):
         return None
-    plain = result.config["filter"]["rejuvenation"]["every_steps"] == 0
+    plain = config["filter"]["rejuvenation"]["every_steps"] == 0
     return (
         f"{missed:,} of the {visited:,} landmarks to which the robot came back were in view and not sighted "
         "any more: part of the map is there twice, or the world has changed"
@@ -111,19 +117,28 @@ def _map_verdict(result: RunResult, total: int, *, explained: bool) -> Iterator[
         )
     if is_empty(result):
         if not explained:
-            yield f"nothing was mapped: none of the {total:,} sightings founded a landmark"
+            yield nothing_mapped(total)
     elif not result.steps.matched.any():
         used = int(result.steps.sightings.sum())
-        if result.config["sensor"]["model"] != "range_bearing":
-            yield (
-                f"no landmark was placed: the {used:,} sightings do not say yet where any of the "
-                f"{len(landmarks.ids):,} stands, so nothing corrects the odometry"
-            )
-            return
-        yield (
-            f"no landmark was seen twice: each of the {used:,} sightings was taken for a new one, so nothing "
-            "corrects the odometry"
+        yield nothing_matched(used, len(landmarks.ids), result.config["sensor"]["model"])
+
+
+def nothing_mapped(total: int) -> str:
+    """The sentence of a map without a landmark, after so many sightings."""
+    return f"nothing was mapped: none of the {total:,} sightings founded a landmark"
+
+
+def nothing_matched(used: int, landmarks: int, model: str) -> str:
+    """The sentence of a map whose landmarks were never sighted a second time."""
+    if model != "range_bearing":
+        return (
+            f"no landmark was placed: the {used:,} sightings do not say yet where any of the "
+            f"{landmarks:,} stands, so nothing corrects the odometry"
         )
+    return (
+        f"no landmark was seen twice: each of the {used:,} sightings was taken for a new one, so nothing "
+        "corrects the odometry"
+    )
 
 
 def _names(result: RunResult, log: Log, two_places: Iterable[TwoPlaces]) -> Iterator[str]:
@@ -151,19 +166,19 @@ def _names(result: RunResult, log: Log, two_places: Iterable[TwoPlaces]) -> Iter
         yield f"{twice:,} of {total:,} sightings name a landmark that another one of their scan names too"
 
 
-def _dropped(result: RunResult, sightings: Sightings) -> Iterator[str]:
-    """A sentence for each reason for which many sightings were left out."""
-    total, sensor = len(sightings.stamp_s), result.config["sensor"]
+def dropped_sentences(
+    counts: Mapping[str, int], total: int, sensor: Mapping[str, Any], unit: str = ""
+) -> Iterator[str]:
+    """A sentence for each reason for which many sightings were left out; `unit` asks for another one."""
     reasons = {
-        "sightings_too_far": f"lie beyond sensor.max_range_m = {sensor['max_range_m']:g}"
-        + _unit(sightings.range_m, sensor),
+        "sightings_too_far": f"lie beyond sensor.max_range_m = {sensor['max_range_m']:g}{unit}",
         "sightings_too_near": f"lie nearer than sensor.min_range_m = {sensor['min_range_m']:g}",
         "sightings_not_finite": "are not finite or have a bearing that is no angle",
         "sightings_without_identity": "name no landmark, and with association.mode = known none is guessed",
         "sightings_bad_covariance": "have a covariance that is not positive definite",
     }
     for name, reason in reasons.items():
-        count = result.counts.get(name, 0)
+        count = counts.get(name, 0)
         if count > MANY_DROPPED * total:
             subject = f"all {total:,} sightings" if count >= total else f"{count:,} of {total:,} sightings"
             end = ": nothing was mapped" if count >= total else " and were left out"

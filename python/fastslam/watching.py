@@ -51,6 +51,8 @@ class View:
     founded: Bools
     sensor: int = 0
     """Number of the one that made the scan: its place in the order of the names."""
+    verdict: tuple[str, ...] = ()
+    """What speaks against the drive so far; of a `Robot`."""
 
 
 Watch: TypeAlias = Callable[[View], tuple[float, float]]
@@ -95,6 +97,7 @@ def frame_of(view: View, mounting: tuple[float, float, float]) -> dict[str, Any]
         "cov": [float(f"{view.covariance[row, column]:.3g}") for row, column in ((0, 0), (0, 1), (1, 1))],
         "health": view.info.health,
         "why": [REASONS[name] for name in view.info.health_reasons],
+        "verdict": view.verdict,
         "ess": round(view.info.effective_sample_size, 1),
         "n": len(poses),
         "p": _short(_thinned(poses, MOST_PARTICLES).ravel()),

@@ -5,6 +5,8 @@ use crate::sensor::{self, Sensor};
 use crate::view::{map_to_dict, View};
 use crate::{arrays, config, given, noise, step};
 use fastslam_core::config::Config;
+use fastslam_core::diagnosis::Returns;
+use fastslam_core::filter::Skipped;
 use fastslam_core::run::{run_with, Observer, RunOutput, StepRecord, Task};
 use fastslam_core::stream::Stream;
 use fastslam_core::timeline::LogData;
@@ -201,19 +203,25 @@ pub fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyR
     dict.set_item("interrupted", output.interrupted)?;
     dict.set_item("store_rows", output.usage.rows)?;
     dict.set_item("store_bytes", output.usage.bytes)?;
-    let skipped = PyDict::new(py);
-    for (reason, count) in output.skipped.by_reason() {
-        skipped.set_item(format!("sightings_{reason}"), count)?;
-    }
+    let skipped = skipped_to_dict(py, &output.skipped, output.returns)?;
     let fell_back: u64 = steps.iter().map(|s| u64::from(s.info.fell_back)).sum();
     skipped.set_item("joint_association_fallbacks", fell_back)?;
-    skipped.set_item("landmarks_visited_again", output.returns.visited)?;
-    skipped.set_item("landmarks_not_found_again", output.returns.in_vain)?;
     // Where it is none, runs that draw in place and others say the same.
     if output.waits > 0 {
         skipped.set_item("steps_waited_for_draws", output.waits)?;
     }
     dict.set_item("skipped", skipped)?;
+    Ok(dict)
+}
+
+/// Sightings that could not be used, by reason, and what came of the returns to landmarks.
+pub fn skipped_to_dict<'py>(py: Python<'py>, skipped: &Skipped, returns: Returns) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    for (reason, count) in skipped.by_reason() {
+        dict.set_item(format!("sightings_{reason}"), count)?;
+    }
+    dict.set_item("landmarks_visited_again", returns.visited)?;
+    dict.set_item("landmarks_not_found_again", returns.in_vain)?;
     Ok(dict)
 }
 

@@ -110,6 +110,18 @@ impl Stream {
         run::to_dict(py, &output, &self.config)
     }
 
+    /// What speaks for and against it so far, of which nothing grows with the drive: `noise` and `skipped` of `output`.
+    fn so_far<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (skipped, noise, returns) = self.locked(py, |stream| {
+            let skipped = stream.skipped();
+            (skipped, stream.filter().noise_report(), stream.filter().returns())
+        })?;
+        let dict = PyDict::new(py);
+        dict.set_item("noise", noise::report(py, &noise, &self.config.motion)?)?;
+        dict.set_item("skipped", run::skipped_to_dict(py, &skipped, returns)?)?;
+        Ok(dict)
+    }
+
     fn save<'py>(&self, py: Python<'py>, note: &str) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.locked(py, |stream| stream.save(note))?.map_err(to_python)?;
         Ok(PyBytes::new(py, &bytes))
