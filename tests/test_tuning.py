@@ -13,6 +13,7 @@ import pytest
 from cli_runner import fastslam
 from fastslam._between import Between
 from fastslam._bordered import BLOCKS
+from fastslam.automatic import Learning
 from fastslam.cli.tune import facts_of, sentences_of, show_tuning
 from fastslam.config import Config, load_config, merge
 from fastslam.datasets import write_native
@@ -39,6 +40,7 @@ from fastslam.tuning.learn import (
     Value,
     _repeats,
     blamed,
+    facts_in,
     of_turns_and_delay,
     wide_noise,
 )
@@ -153,6 +155,48 @@ def test_ranges_that_are_long_are_put_right() -> None:
     assert any("does not tell which of the two" in sentence for sentence in sentences_of(found))
     assert found.alternative["sensor"]["range_scale"] == 1.0
     assert found.alternative["motion"]["correction"]["distance_gain"] == pytest.approx(scale.value, abs=1e-4)
+
+
+def test_the_one_of_ranges_and_odometry_that_is_a_fact_is_not_blamed() -> None:
+    known = (*motion_parameters({"model": "velocity"}), *SENSOR_KNOWN)
+    for gain in (1.02, 1.06):
+        values, one = gain_of(gain), np.ones(len(known))
+        assert blamed(values, known, one, facts=frozenset([SCALE])) == values
+        found = blamed(values, known, one, facts=frozenset([DISTANCE_GAIN]))
+        assert (found[0].significant, found[2].key) == (False, SCALE)
+
+
+def in_steps(log: Log) -> Log:
+    """The log with odometry that goes ahead and then turns, row by row, and of which noise alone is told."""
+    rows = log.controls.values[:-1] * np.diff(log.controls.stamp_s)[:, None]
+    steps = np.column_stack([rows[:, 0], np.zeros(len(rows)), rows[:, 1]])
+    motion = {"model": "increments", "x_std_m": 0.02, "y_std_m": 0.005, "heading_std_rad": 0.01}
+    told = ("model", "range_std_m", "bearing_std_rad", "max_range_m")
+    sensor = {key: log.config["sensor"][key] for key in told}
+    config = {"motion": motion, "sensor": sensor}
+    return replace(log, controls=Controls(log.controls.stamp_s[1:], steps), config=config)
+
+
+def test_a_stated_mounting_is_kept_where_the_odometry_is_half_a_step_aside() -> None:
+    log = in_steps(drive())
+    half_m = 0.5 * float(np.median(log.controls.values[:, 0]))
+    for mounting in ({}, {"x_m": 0.0}):
+        settings = merge(UNKNOWN, {"sensor": {"mounting": mounting}} if mounting else {})
+        session = _Session(log, configure(log, settings), settings, None)
+        learned = session.learned_from_tracks(session.begun())
+        ahead = next(value for value in learned.values if value.key == "sensor.mounting.x_m")
+        assert ahead.value == pytest.approx(half_m, abs=0.06), "which is what the log says"
+        assert ahead.value > 3.0 * ahead.standard_error, "and surely so"
+        assert ahead.significant == (not mounting) and not ahead.contradicts
+        assert ("mounting" in learned.settings["sensor"]) == (not mounting)
+
+
+def test_what_the_log_clearly_contradicts_is_said(broken: Log, found: Tuning) -> None:
+    assert "sensor.delay_s" in facts_in(broken.config)
+    said = "\n".join(found.conflicts)
+    assert "you said sensor.delay_s = 0, the log says 0." in said
+    assert "you said motion.correction.turn_gain = 1" in said and "mounting" not in said
+    assert set(found.conflicts) <= set(Learning(found).warnings)
 
 
 def test_nothing_is_tried_twice(broken: Log, found: Tuning, monkeypatch: pytest.MonkeyPatch) -> None:

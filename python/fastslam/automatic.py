@@ -55,7 +55,7 @@ class Learning:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """A sentence where the log does not tell the noise, or no noise that was tried makes a sound map."""
+        """A sentence where the log does not tell the noise or contradicts a fact, or no map is sound."""
         state = "State what you know of it: motion.*_std_*, sensor.*_std_*"
         if self.found is None:
             return (
@@ -63,7 +63,8 @@ class Learning:
                 f"the defaults for the rest. {state}",
             )
         fault = None if self.found.interrupted else self.found.best.fault
-        return () if fault is None else (f"no noise that was tried makes a sound map ({fault}). {state}",)
+        said = () if fault is None else (f"no noise that was tried makes a sound map ({fault}). {state}",)
+        return (*self.found.conflicts, *said)
 
     def said_of(self, result: RunResult) -> RunResult:
         """The run with these sentences before those of its own."""
@@ -173,8 +174,9 @@ def run(
     Where all noise is stated, but the map of the run is doubted by its verdict, the same is tried afterwards,
     and kept where it makes a map against which nothing speaks; a warning says so.
 
-    What is stated of the rest is where the search begins, and gives way to what explains the log better. An
-    interrupt while it learns ends it with the best run until then; with `map` or `start` it is raised.
+    What is stated of the rest are facts, which give way only where the log clearly contradicts them; a
+    warning says so. An interrupt while it learns ends it with the best run until then; with `map` or `start`
+    it is raised.
 
     All else is as in `fastslam.runner.run`, which makes one run with the settings as they are.
     """
@@ -217,7 +219,7 @@ def in_place_of(result: RunResult, found: Tuning) -> RunResult:
         f"with the settings as they are the map is doubted ({result.verdict[0].split(':')[0]}): kept is a "
         f"run with what the log itself says, against whose map nothing speaks: {', '.join([*told, 'noise'])}"
     )
-    return replace(found.result, warnings=(word, *found.result.warnings))
+    return replace(found.result, warnings=(word, *found.conflicts, *found.result.warnings))
 
 
 def _states_noise(section: Mapping[str, Any]) -> bool:

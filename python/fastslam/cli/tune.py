@@ -44,7 +44,8 @@ def tune_log(
     than the settings stated, or explains them better by 10 nats, or the file is empty. At most seven runs of
     the filter are made.
 
-    Settings come from: defaults < the log's own < --config < --set; they say where to begin.
+    Settings come from: defaults < the log's own < --config < --set. What is stated there of mounting, delay,
+    gains and biases is a fact: it gives way only where the log clearly contradicts it, which is then said.
 
     \b
     Examples:
@@ -68,6 +69,8 @@ def tune_log(
         print_json({**facts_of(found), "settings_file": str(out)})
         return
     show_tuning(log.name, found)
+    for sentence in found.conflicts:
+        stderr().print(f"warning: {sentence}", markup=False, highlight=False, soft_wrap=True)
     typer.echo(written)
 
 
@@ -199,6 +202,7 @@ def facts_of(found: Tuning) -> dict[str, Any]:
         "evidence_gain": None if math.isnan(found.evidence_gain) else found.evidence_gain,
         "judged_sightings": found.judged,
         "attempts": attempts,
+        "conflicts": found.conflicts,
         "notes": sentences_of(found),
     }
 
@@ -210,7 +214,9 @@ def _row(value: Value) -> tuple[str, ...]:
     if math.isnan(value.standard_error):
         return (value.key, stated, found, "", value.unit, "", "")
     interval = " to ".join(format_number(end) for end in value.interval95)
-    note = "" if value.significant else "kept: chance"
+    note = "contradicts you" if value.contradicts else "" if value.significant else "kept: chance"
+    if value.slack > 0.0 and not value.significant:
+        note = "kept: stated"
     if not value.observable:
         note = "kept: not told"
     nats = f"{value.log_odds:,.1f}" if value.significant else ""

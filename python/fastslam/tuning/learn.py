@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,9 +11,9 @@ import numpy as np
 from .._bordered import Batch, scattered
 from ..config import merge
 from ..datasets.clean import select_sightings
-from ..dead_reckoning import DeadReckoning, turning_points
+from ..dead_reckoning import DeadReckoning, arc_twists, turning_points
 from ..errors import DataError
-from ..log import Floats, Ints, Log, Sightings
+from ..log import Controls, Floats, Ints, Log, Sightings
 from .motion import (
     DELAY,
     DISTANCE,
@@ -71,6 +71,25 @@ WITHIN_A_ROW = 0.3
 """A delay is told to this share of a row of odometry at best: a shift by half a row averages the noise of two
 rows, which looks like a better fit."""
 SIGNIFICANT = 3.0
+SLACK = {
+    DISTANCE: 0.005,
+    "motion.correction.turn_gain": 0.01,
+    "motion.correction.yaw_rate_bias_rad_per_s": 0.002,
+    "motion.steering_gain": 0.01,
+    "motion.steering_bias_rad": 0.003,
+    DELAY: 0.02,
+    "sensor.range_scale": 0.005,
+    "sensor.range_bias_m": 0.02,
+    "sensor.mounting.x_m": 0.03,
+    "sensor.mounting.y_m": 0.03,
+    "sensor.mounting.yaw_rad": 0.01,
+}
+"""What a fact may seem to be off by though it is right, for models leave things out.
+
+SIGNIFICANT times as much contradicts it.
+"""
+FAST = 0.75
+"""Share of the rows of odometry that are slower than what is called fast."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +97,8 @@ class Value:
     """One thing learned: dotted key, unit, what was stated, what the log says and how surely.
 
     `standard_error` is NaN for noise. `observable` is False where the log says hardly more than the prior;
-    the value stated is then kept.
+    the value stated is then kept. `slack` is more than 0 for what somebody wrote down, a fact: what a model
+    that leaves things out may take it to be off by.
     """
 
     key: str
@@ -87,13 +107,23 @@ class Value:
     value: float
     standard_error: float = float("nan")
     observable: bool = True
+    slack: float = 0.0
 
     @property
     def significant(self) -> bool:
-        """Whether it is to be set: noise always, errors where they are SIGNIFICANT standard errors off."""
+        """Whether it is to be set: noise always, errors where they are SIGNIFICANT standard errors off.
+
+        A fact must be off by more than its slack explains as well.
+        """
         if np.isnan(self.standard_error):
             return True
-        return self.observable and abs(self.value - self.stated) > SIGNIFICANT * self.standard_error
+        least = SIGNIFICANT * float(np.hypot(self.standard_error, self.slack))
+        return self.observable and abs(self.value - self.stated) > least
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the log says clearly that what somebody wrote down is wrong."""
+        return self.slack > 0.0 and self.significant
 
     @property
     def interval95(self) -> tuple[float, float]:
@@ -105,6 +135,14 @@ class Value:
     def log_odds(self) -> float:
         """How many nats the learned value explains the stretch better by than the stated one."""
         return float(0.5 * ((self.value - self.stated) / self.standard_error) ** 2)
+
+
+@dataclass(frozen=True)
+class Stated:
+    """Complete settings `whole`, and the dotted keys of those that the log or the user wrote down."""
+
+    whole: Mapping[str, Any]
+    facts: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -186,7 +224,7 @@ def learn(
     stretch: Stretch,
     places: tuple[Floats, Floats],
     *,
-    stated: Mapping[str, Any],
+    stated: Stated,
     noise: Noise | None = None,
     until: float = SETTLED,
 ) -> Learned:
@@ -197,21 +235,23 @@ def learn(
     """
     parts = noise_parts(log.controls, config["motion"])
     known, before, problem = _begun(log, config, stretch, places, stated)
+    slacks = slacks_of(log.controls, config["motion"], [one.key for one in known], stated.facts)
     now, problem, noise = _settled(log, config, stretch, problem, noise, until=COARSE)
-    values, _ = _judged(log, known, before, (problem, noise))
+    values, _ = _judged(log, (known, slacks), before, (problem, noise))
     # What is kept as stated must be so when the noise is learned, or it would be that of another robot.
     held = np.array([value.key for value in values if not value.significant])
     problem = _holding(problem, np.isin([one.key for one in known], held))
     _, problem, noise = _settled(log, now, stretch, problem, noise, until=until)
-    found, rows = _judged(log, known, before, (problem, noise))
+    found, rows = _judged(log, (known, slacks), before, (problem, noise))
     again = {value.key: value for value in found}
     values = blamed(
         tuple(value if value.key in held else again[value.key] for value in values),
         known,
         before,
         scale_std=SCALE_STD if log.scans is None else LASER_SCALE_STD,
+        facts=stated.facts,
     )
-    return _learned(stated, parts, noise, values, (stretch, rows))
+    return _learned(stated.whole, parts, noise, values, (stretch, rows))
 
 
 @dataclass(frozen=True)
@@ -228,7 +268,7 @@ def errors_of(
     stretch: Stretch,
     places: tuple[Floats, Floats],
     *,
-    stated: Mapping[str, Any],
+    stated: Stated,
 ) -> tuple[dict[str, Any], Rough]:
     """The settings with the systematic errors that a stretch tells, and its noise, all of it roughly."""
     known, before, problem = _begun(log, config, stretch, places, stated)
@@ -245,23 +285,29 @@ def _begun(
     config: Mapping[str, Any],
     stretch: Stretch,
     places: tuple[Floats, Floats],
-    stated: Mapping[str, Any],
+    stated: Stated,
 ) -> tuple[tuple[Known, ...], Floats, Problem]:
     """What may be off, its values as stated, to which the problem is drawn, and the problem to begin with."""
     known = (*motion_parameters(config["motion"]), *SENSOR_KNOWN)
-    before = np.array([value_of(stated, one.key) for one in known])
+    before = np.array([value_of(stated.whole, one.key) for one in known])
     problem = problem_of(log, config, stretch, places)
     prior = problem.prior + before - [value_of(config, one.key) for one in known]
     return known, before, replace(problem, prior=prior)
 
 
 def blamed(
-    values: tuple[Value, ...], known: tuple[Known, ...], before: Floats, *, scale_std: float = SCALE_STD
+    values: tuple[Value, ...],
+    known: tuple[Known, ...],
+    before: Floats,
+    *,
+    scale_std: float = SCALE_STD,
+    facts: frozenset[str] = frozenset(),
 ) -> tuple[Value, ...]:
     """The values with the scale of the ranges in place of the gain of the distance where that is likelier.
 
-    A log tells only the ratio of the two. Either is right and the other off, by `scale_std` for the ranges
-    and by its prior for the distance: a ratio near 1 is the ranges', one further away the odometry's.
+    A log tells only the ratio of the two. Where one of them is a fact it is the other. Else either is right
+    and the other off, by `scale_std` for the ranges and by its prior for the distance: a ratio near 1 is the
+    ranges', one further away the odometry's.
     """
     keys = [one.key for one in known]
     gain = next((value for value in values if value.key == DISTANCE), None)
@@ -269,27 +315,60 @@ def blamed(
         return values
     ratio, prior_std = gain.value / gain.stated, known[keys.index(DISTANCE)].prior_std
     nats = [-0.5 * ((ratio - 1) / std) ** 2 - np.log(std) for std in (scale_std, prior_std)]
-    if nats[0] < nats[1]:
+    stated = (SCALE in facts) - (DISTANCE in facts)
+    if (stated, nats[1]) > (0, nats[0]):
         return values
     scale = float(before[keys.index(SCALE)])
     error = gain.standard_error / gain.stated * scale
     kept = replace(gain, value=gain.stated)
     others = tuple(kept if value is gain else value for value in values)
-    return (*others, Value(SCALE, "", scale, scale * ratio, error))
+    return (*others, Value(SCALE, "", scale, scale * ratio, error, slack=gain.slack))
 
 
 def _judged(
-    log: Log, known: tuple[Known, ...], before: Floats, solution: tuple[Problem, Noise]
+    log: Log,
+    asked: tuple[tuple[Known, ...], Floats],
+    before: Floats,
+    solution: tuple[Problem, Noise],
 ) -> tuple[tuple[Value, ...], Rows]:
-    """The parameters of a solution with their standard errors, and the rows of the solution."""
-    problem, noise = solution
+    """The parameters of a solution with their standard errors, and the rows of the solution.
+
+    `asked` are the parameters and their slacks (`slacks_of`).
+    """
+    (known, slacks), (problem, noise) = asked, solution
     rows = linearised(problem, noise)
     followed = rows.solver.followed(np.random.default_rng(0))
     error = np.sqrt(np.diag(rows.solver.covariance)) * _repeats(problem, rows, followed)
     delay = [one.key for one in known].index(DELAY)
     error[delay] = np.hypot(error[delay], WITHIN_A_ROW * float(np.median(np.diff(log.controls.stamp_s))))
     found = before - (problem.prior - problem.parameters)
-    return _values(known, before, found, error, problem.prior_std), rows
+    return _values(known, before, found, error, (problem.prior_std, slacks)), rows
+
+
+def facts_in(settings: Mapping[str, Any], above: str = "") -> frozenset[str]:
+    """The dotted keys of partial settings that something is learned of."""
+    found: set[str] = set()
+    for key, value in settings.items():
+        found |= facts_in(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}"}
+    return frozenset(found & SLACK.keys() if not above else found)
+
+
+def slacks_of(
+    controls: Controls, motion: Mapping[str, Any], keys: Sequence[str], facts: frozenset[str]
+) -> Floats:
+    """What each of `keys` may seem to be off by though it is right (N + 5,); 0 for what is no fact.
+
+    **Why:** what a model leaves out looks like an error of what it has. Odometry that was integrated row by
+    row along the heading at the start of each is half a row aside where the robot turns: as if the sensor was
+    mounted half a row further ahead, or saw half a row late. The gain of the distance is no fact where the
+    scale of the ranges is none: that is blamed then (`blamed`).
+    """
+    twists = arc_twists(controls, motion)
+    row_s = float(np.median(np.diff(controls.stamp_s)))
+    way_m = row_s * float(np.quantile(np.hypot(twists[:, 0], twists[:, 1]), FAST))
+    half = {DELAY: row_s / 2, "sensor.mounting.x_m": way_m / 2, "sensor.mounting.y_m": way_m / 2}
+    told = facts if SCALE in facts else facts - {DISTANCE}
+    return np.array([max(SLACK[key], half.get(key, 0.0)) if key in told else 0.0 for key in keys])
 
 
 def _repeats(problem: Problem, rows: Rows, followed: Floats) -> Floats:
@@ -415,11 +494,25 @@ def _relinked(
 
 
 def _values(
-    known: tuple[Known, ...], stated: Floats, found: Floats, error: Floats, prior_std: Floats
+    known: tuple[Known, ...],
+    stated: Floats,
+    found: Floats,
+    error: Floats,
+    before: tuple[Floats, Floats],
 ) -> tuple[Value, ...]:
+    """The values that were free; `before` are the deviations of the prior and the slacks of facts."""
+    columns = zip(known, stated, found, error, *before, strict=True)
     return tuple(
-        Value(one.key, one.unit, float(before), float(after), float(std), bool(std < LEAST_GAIN * prior))
-        for one, before, after, std, prior in zip(known, stated, found, error, prior_std, strict=True)
+        Value(
+            one.key,
+            one.unit,
+            float(was),
+            float(now),
+            float(std),
+            bool(std < LEAST_GAIN * prior),
+            float(slack),
+        )
+        for one, was, now, std, prior, slack in columns
         if prior > 0
     )
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..config import Config, merge
-from ..detection import with_sightings
+from ..detection import own_settings, with_sightings
 from ..errors import DataError, FastSlamError
 from ..examination.hypotheses import AS_IS
 from ..log import Floats, Ints, Log
@@ -26,9 +26,11 @@ from .learn import (
     SETTLED,
     WIDER,
     Learned,
+    Stated,
     Stretch,
     Value,
     errors_of,
+    facts_in,
     learn,
     of_turns_and_delay,
     problem_of,
@@ -128,6 +130,17 @@ class Tuning:
         return (
             f"with the settings as they are {plain.doubt}; with what the log teaches the map is no simpler, "
             "so that too may be wrong"
+        )
+
+    @property
+    def conflicts(self) -> tuple[str, ...]:
+        """A sentence for each setting that somebody wrote down and the log clearly contradicts."""
+        return tuple(
+            f"you said {value.key} = {value.stated:.4g}, the log says {value.value:.3g} +- "
+            f"{value.interval95[1] - value.value:.1g} {value.unit}".rstrip()
+            + ": the log's is taken; check yours"
+            for value in self.values
+            if value.contradicts
         )
 
     @property
@@ -289,6 +302,7 @@ class _Session:
         self.log, self.config, self._layer, self._progress = log, config, layer, progress
         if len(log.sightings.stamp_s) == 0:
             raise DataError("the log has no sightings to learn from", log.source)
+        self._stated = Stated(config, facts_in(merge(own_settings(log), layer)))
         self.until_s = float(np.quantile(log.sightings.stamp_s, LEARNED_SHARE))
         self.named = config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
         self.attempts: list[Attempt] = []
@@ -392,10 +406,12 @@ class _Session:
     def learned_from_tracks(self, begin: Beginning) -> Learned:
         """Learns from what is followed from scan to scan by an odometry that it has put right before."""
         self._first = config = _begun(self.config, begin)
-        config, rough = errors_of(self.log, config, *self._tracked(config), stated=self.config)
+        config, rough = errors_of(self.log, config, *self._tracked(config), stated=self._stated)
         until = COARSE if rough.correlation > REPEATING and not self.named else SETTLED
         stretch, places = self._tracked(config)
-        learned = learn(self.log, config, stretch, places, stated=self.config, noise=rough.noise, until=until)
+        learned = learn(
+            self.log, config, stretch, places, stated=self._stated, noise=rough.noise, until=until
+        )
         self._noise = learned.noise
         return learned
 
@@ -452,7 +468,7 @@ class _Session:
         used = np.flatnonzero(counts >= LEAST_PER_TRACK)
         places = _path_at(result, stretch.stamp_s - config["sensor"]["delay_s"]), landmarks.mean_m[used]
         until = COARSE if attempt.wider else SETTLED
-        return learn(self.log, config, stretch, places, stated=self.config, noise=self._noise, until=until)
+        return learn(self.log, config, stretch, places, stated=self._stated, noise=self._noise, until=until)
 
     def _scene(self, config: Mapping[str, Any], poses: Floats) -> Scene:
         seen, _ = usable_sightings(self.log, self.until_s)
