@@ -167,11 +167,12 @@ def test_tables_of_older_results_are_read(tmp_path: Path) -> None:
     write_result(make_run(), make_log(), tmp_path)
     table = tmp_path / "landmarks.csv"
     rows = [line.split(",") for line in table.read_text(encoding="utf-8").splitlines()]
-    assert rows[0][7:] == ["confirmed", "class", "signature"]
-    table.write_text("".join(",".join(row[:7]) + "\n" for row in rows), encoding="utf-8")
-    found = read_result(tmp_path).landmarks
-    assert found.confirmed is None and found.class_index is None and found.signature is None
-    assert len(found.ids) == len(rows) - 1
+    assert rows[0][7:10] == ["confirmed", "class", "signature"]
+    for kept in (10, 7):
+        table.write_text("".join(",".join(row[:kept]) + "\n" for row in rows), encoding="utf-8")
+        found = read_result(tmp_path).landmarks
+        assert found.confirmed is None and found.class_index is None and found.signature is None
+        assert len(found.ids) == len(rows) - 1 and found.residuals == ()
 
 
 def test_the_map_is_drawn_in_the_colours_of_its_classes_without_the_provisional_landmarks() -> None:

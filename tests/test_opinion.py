@@ -184,3 +184,20 @@ def test_the_likeliest_of_several_tells_what_all_came_to(log: Log, tmp_path: Pat
     best = best_of(log, UNKNOWN, seeds=range(3))
     write_result(best, log, tmp_path)
     assert read_result(tmp_path).tries == best.tries and len(best.tries) == 3
+
+
+def test_an_own_sensor_gets_a_second_opinion() -> None:
+    class Beacons:
+        measures, noise = ("range_m",), ((0.04,),)
+
+        def expected(self, poses: Any, landmarks: Any) -> Any:
+            return np.linalg.norm(landmarks - poses[:, :2], axis=1)[:, None]
+
+    sensor = {"model": "range", "range_std_m": 0.2, "max_range_m": 100.0}
+    settings = {"seed": 3, "world": {"count": 6}, "sensor": sensor, "scan": {"period_s": 2.0}}
+    config = {"filter": {"particles": 10}}
+    log, own = simulate(settings), Beacons()
+    result, alone = second_opinion(log, config, sensor=own), run(log, config, sensor=own)
+    assert len(result.tries) >= 2 and result.tries[0].agreement is not None
+    if result.config["seed"] == alone.config["seed"]:
+        np.testing.assert_array_equal(result.landmarks.mean_m, alone.landmarks.mean_m)

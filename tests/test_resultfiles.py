@@ -83,9 +83,9 @@ def test_landmark_columns_and_awkward_names(tmp_path: Path) -> None:
     points = np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 1.0]])
     write_result(make_run(landmarks=make_map(ids, points)), make_log(truth=False), tmp_path)
     text = (tmp_path / "landmarks.csv").read_text(encoding="utf-8")
-    assert (
-        text.splitlines()[0] == "id,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,sightings,confirmed,class,signature"
-    )
+    first = "id,x_m,y_m,cov_xx_m2,cov_xy_m2,cov_yy_m2,sightings,confirmed,class,signature"
+    residuals = "range_residuals,range_residual_rms,range_residual_mean"
+    assert text.splitlines()[0] == ",".join([first, residuals, residuals.replace("range", "bearing")])
     assert '"oak, ""old""",3,-2,0.02,0.008,0.01,20' in text
     assert read_result(tmp_path).landmarks.ids == ids
 

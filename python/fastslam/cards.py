@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -69,10 +69,22 @@ def result_card(result: RunResult) -> str:
         f"  {how}",
         *(f"  {line.strip()}" for line in map_card(result.landmarks).splitlines()),
     ]
+    if result.calibration:
+        lines.append(f"  learned of the sensor: {calibration_text(result.calibration)}")
     if result.interrupted:
         lines.append("  stopped before the end of the log")
     lines.extend(f"  warning: {warning}" for warning in result.warnings)
     return "\n".join(lines)
+
+
+def calibration_text(calibration: Mapping[str, float]) -> str:
+    """What was learned of scale and bias, each with its standard deviation."""
+    learned = (("range_scale", "range_scale_std"), ("range_bias_m", "range_bias_std_m"))
+    return ", ".join(
+        f"{name} {calibration[name]:.4g} ± {calibration[std]:.2g}"
+        for name, std in learned
+        if name in calibration
+    )
 
 
 def card_html(text: str, picture: str = "") -> str:

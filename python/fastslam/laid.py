@@ -94,7 +94,7 @@ def laid_on_map(result: RunResult, log: Log) -> Laid | None:
         return None
     stamp_s, range_m = stamp_s[rows], range_m[rows]
     bearing = wrap_angle(seen.bearing_rad[rows] - sensor["bearing_bias_rad"])
-    origin = _origins(result, stamp_s, sensor["mounting"])
+    origin = sensor_poses(result, stamp_s, sensor["mounting"])
     mean_m = landmarks.mean_m[chosen]
     squared, landmark = _best(mean_m, origin, (range_m, bearing), sensor)
     if result.config["association"]["mode"] == "known":
@@ -119,7 +119,8 @@ def laid_on_provisional(result: RunResult, laid: Laid) -> int:
     return int((squared < EXPLAINED_SQUARED).sum())
 
 
-def _origins(result: RunResult, stamp_s: Floats, mounting: Mapping[str, float]) -> Floats:
+def sensor_poses(result: RunResult, stamp_s: Floats, mounting: Mapping[str, float]) -> Floats:
+    """Where a sensor that is mounted so was in the world (n, 3) at these stamps, along the best path."""
     path = result.path
     x, y, heading = path.T_world_robot[:, 0], path.T_world_robot[:, 1], np.unwrap(path.T_world_robot[:, 2])
     x, y, heading = (np.interp(stamp_s, path.stamp_s, column) for column in (x, y, heading))

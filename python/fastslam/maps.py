@@ -200,6 +200,7 @@ def select(landmarks: LandmarkMap, chosen: ArrayLike) -> LandmarkMap:
         confirmed=of(landmarks.confirmed),
         class_index=of(landmarks.class_index),
         signature=of(landmarks.signature),
+        residuals=tuple(residuals[index] for residuals in landmarks.residuals),
     )
 
 

@@ -7,7 +7,7 @@ run cannot tell: all that it sees fits the map that it made. Two runs can.
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -24,7 +24,7 @@ from .evaluation.constellation import find_transform, refine_transform
 from .log import Floats, Log
 from .result import LandmarkMap, RunResult, Trajectory, Try
 from .runner import Progress, configure, detected, run, run_many
-from .sensors import Sensor
+from .sensors import Sensor, own_layer
 from .settings import Layer
 from .watching import Watch
 
@@ -68,6 +68,7 @@ def second_opinion(
     *,
     progress: Progress | None = None,
     watch: Watch | None = None,
+    sensor: Sensor | None = None,
 ) -> RunResult:
     """Runs the filter with the configured seed and beside it, on another core, with the next one.
 
@@ -81,22 +82,24 @@ def second_opinion(
     >>> [one.seed for one in result.tries]
     [0, 1]
 
-    `progress` counts over the runs that take turns, `watch` sees the first. An interrupted run is returned as
+    `progress` counts over the runs that take turns, `watch` sees the first. `sensor` is one of your own, as
+    for `run`, which two threads ask then. An interrupted run is returned as
     it is. Errors: as `run`, for the first seed; another one that fails is none of the tries.
     """
     log = detected(log, config)
-    seed = configure(log, config or {})["seed"]
+    seed = configure(log, config or {}, own_layer(sensor))["seed"]
+    ask = partial(run, log, sensor=sensor)
 
     def advance(done: int, total: int, *, turn: int, turns: int) -> None:
         if progress is not None:
             progress(turn * total + done, turns * total)
 
-    results = _beside(log, config, seed, partial(advance, turn=0, turns=1), watch)
+    results = _beside(ask, config, seed, partial(advance, turn=0, turns=1), watch)
     shares = _shares(results)
     if len(results) == 2 and shares[0][1] < AGREED:
         # What fails now has no say; what there is stays.
         with suppress(FastSlamError):
-            results += _beside(log, config, seed + MOST_TRIES // 2, partial(advance, turn=1, turns=2), None)
+            results += _beside(ask, config, seed + MOST_TRIES // 2, partial(advance, turn=1, turns=2), None)
     complete = [result for result in results if not result.interrupted]
     if len(complete) < 2 or len(complete) < len(results):
         # Stopped: what there is, without an opinion on it.
@@ -199,7 +202,7 @@ def _share_of_path(first: Trajectory, second: Trajectory, lie: RigidTransform, g
 
 
 def _beside(
-    log: Log, config: Layer | None, seed: int, progress: Progress, watch: Watch | None
+    ask: Callable[..., RunResult], config: Layer | None, seed: int, progress: Progress, watch: Watch | None
 ) -> list[RunResult]:
     """Runs with this seed and, at the same time, with the next one, the result of which may be missing."""
     stop = threading.Event()
@@ -210,14 +213,14 @@ def _beside(
 
     def beside() -> list[RunResult]:
         try:
-            return [run(log, merge(config or {}, {"seed": seed + 1}), progress=unless_stopped)]
+            return [ask(merge(config or {}, {"seed": seed + 1}), progress=unless_stopped)]
         except FastSlamError:
             return []
 
     with ThreadPoolExecutor(1) as pool:
         second = pool.submit(beside)
         try:
-            first = run(log, merge(config or {}, {"seed": seed}), progress=progress, watch=watch)
+            first = ask(merge(config or {}, {"seed": seed}), progress=progress, watch=watch)
             return [first] if first.interrupted else [first, *second.result()]
         except KeyboardInterrupt:
             # The first has ended, or it would have returned; the second ends where it is.

@@ -10,6 +10,7 @@ from pathlib import Path
 from string import Template
 
 from . import __version__
+from .cards import calibration_text
 from .charts.figures import run_charts
 from .charts.svg import draw_chart
 from .evaluation import Evaluation, Metrics, evaluate_run, flatten
@@ -88,7 +89,7 @@ def render_report(
         figures="".join(blocks.values()),
         runs=_runs_table(runs) if len(runs) > 1 else "",
         metrics=_metrics_tables(found.metrics),
-        landmarks=landmark_table(result.landmarks),
+        landmarks=_learned(result) + landmark_table(result.landmarks),
         problems=_problems(result, log),
         config=escape(config_yaml(result)),
     )
@@ -142,6 +143,13 @@ def _warnings(result: RunResult, found: Evaluation) -> str:
     if undetermined:
         texts.append("Not determined in this run: " + ", ".join(undetermined) + ".")
     return "".join(f'<p class="warning">{escape(text)}</p>' for text in texts)
+
+
+def _learned(result: RunResult) -> str:
+    """What the run learned of the sensor, in the units of its numbers."""
+    if not result.calibration:
+        return ""
+    return f"<p>Learned of the sensor: {escape(calibration_text(result.calibration))}.</p>"
 
 
 def _cards(metrics: Metrics) -> str:

@@ -26,7 +26,11 @@ _DOT = 4.0
 """Half of the room that a landmark's own mark takes."""
 _SHOWN_AT_ONCE = 40
 """Up to so many landmarks the table is unfolded, so that it is printed too."""
-_HEAD = ("id", "class", "x [m]", "y [m]", "σ along [m]", "σ across [m]", "sightings", "")
+_HEAD = ("id", "class", "x [m]", "y [m]", "σ along [m]", "σ across [m]", "sightings")
+_SAYS = (
+    "<p>Residuals are of the sightings along the best path, measured less expected, over the standard "
+    "deviation that the noise says: root of the mean square, of which 1 is expected, and mean.</p>"
+)
 
 
 def names_layer(place: Place, landmarks: LandmarkMap) -> str:
@@ -44,7 +48,7 @@ def names_layer(place: Place, landmarks: LandmarkMap) -> str:
         east_m, north_m = landmarks.mean_m[row]
         says = (
             f"{name}: ({east_m:.3f}, {north_m:.3f}) m, σ {major[row]:.3f} m along, {minor[row]:.3f} m "
-            f"across, {landmarks.sightings[row]:,} sightings{_standing(landmarks, row)}"
+            f"across, {landmarks.sightings[row]:,} sightings{_off(landmarks, row)}{_standing(landmarks, row)}"
         )
         x, y = at[row]
         spot = f'<circle cx="{x:.1f}" cy="{y:.1f}" r="5"><title>{escape(says)}</title></circle>'
@@ -112,20 +116,35 @@ def landmark_table(landmarks: LandmarkMap) -> str:
     for row in range(count):
         x_m, y_m = landmarks.mean_m[row]
         figures = (f"{x_m:.3f}", f"{y_m:.3f}", f"{major[row]:.3f}", f"{minor[row]:.3f}")
-        numbers = "".join(f"<td>{cell}</td>" for cell in (*figures, f"{landmarks.sightings[row]:,}"))
+        off = (_cell(figure) for of in landmarks.residuals for figure in (of.rms[row], of.mean[row]))
+        numbers = "".join(f"<td>{cell}</td>" for cell in (*figures, f"{landmarks.sightings[row]:,}", *off))
         name, kind = escape(landmarks.ids[row]), escape(landmarks.class_name(row))
         standing = _standing(landmarks, row).lstrip(", ")
         rows.append(f"<tr><td>{name}</td><td>{kind}</td>{numbers}<td>{standing}</td></tr>")
-    head = "".join(f"<th>{cell}</th>" for cell in _HEAD)
+    more = (
+        name for of in landmarks.residuals for name in (f"{of.kind} residual", f"mean {of.kind} residual")
+    )
+    head = "".join(f"<th>{cell}</th>" for cell in (*_HEAD, *more, ""))
     table = f'<div class="scroll"><table class="map"><tr>{head}</tr>{"".join(rows)}</table></div>'
     shown = " open" if count <= _SHOWN_AT_ONCE else ""
-    return f"<details{shown}><summary>All {count:,} landmarks</summary>{table}</details>"
+    says = _SAYS if landmarks.residuals else ""
+    return f"<details{shown}><summary>All {count:,} landmarks</summary>{says}{table}</details>"
 
 
 def deviations_m(landmarks: LandmarkMap) -> tuple[Floats, Floats]:
     """Standard deviations along the major and the minor axis of each landmark's ellipse. Shapes: (K,)."""
     values = np.sqrt(np.maximum(np.linalg.eigvalsh(landmarks.covariance_m2), 0.0)).reshape(-1, 2)
     return values[:, 1], values[:, 0]
+
+
+def _off(landmarks: LandmarkMap, row: int) -> str:
+    """The residuals of a landmark, in words."""
+    found = [(of.kind, of.rms[row]) for of in landmarks.residuals if of.count[row]]
+    return "".join(f", {kind} residual {rms:.2f}" for kind, rms in found)
+
+
+def _cell(figure: float) -> str:
+    return f"{figure:.2f}" if np.isfinite(figure) else ""
 
 
 def _standing(landmarks: LandmarkMap, row: int) -> str:

@@ -73,6 +73,31 @@ class Trajectory(Table):
 
 
 @dataclass(frozen=True)
+class Residuals:
+    """How far the sightings of each landmark lie off the map along the best path, measured minus expected.
+
+    Each is divided by the standard deviation that the sensor's noise says, so that 1 is expected of `rms` and
+    0 of `mean`; both have no unit, and are NaN for a landmark of which nothing was compared. `kind` is
+    `range` or `bearing`: the column of the sightings, whatever a sensor of one's own has in it.
+    Shapes: `count` (how many sightings were compared), `rms` and `mean` (K,).
+    """
+
+    kind: str
+    count: Ints
+    rms: Floats
+    mean: Floats
+
+    def __getitem__(self, rows: slice | Ints | Bools) -> Residuals:
+        """Those of some landmarks, in that order."""
+        return Residuals(self.kind, self.count[rows], self.rms[rows], self.mean[rows])
+
+    def to_columns(self) -> Columns:
+        """`range_residuals`, `range_residual_rms` and `range_residual_mean`, or the same of bearings."""
+        names = (f"{self.kind}_residual{more}" for more in ("s", "_rms", "_mean"))
+        return dict(zip(names, (self.count, self.rms, self.mean), strict=True))
+
+
+@dataclass(frozen=True)
 class LandmarkMap(Table):
     """Estimated landmarks. Shapes: `ids` (K), `mean_m` (K, 2), `covariance_m2` (K, 2, 2), the others (K,).
 
@@ -90,6 +115,7 @@ class LandmarkMap(Table):
     class_index: Ints | None = None
     signature: Floats | None = None
     class_names: tuple[str, ...] = ()
+    residuals: tuple[Residuals, ...] = ()
 
     def class_name(self, row: int) -> str:
         """The class of one landmark; empty where it has none."""
@@ -99,7 +125,7 @@ class LandmarkMap(Table):
         return self.class_names[index] if index < len(self.class_names) else str(index)
 
     def to_columns(self) -> Columns:
-        """Columns of `landmarks.csv`; without `confirmed`, `class` and `signature` where the run has none."""
+        """Columns of `landmarks.csv`, but for those of which the run has nothing."""
         columns: Columns = {"id": list(self.ids), "x_m": self.mean_m[:, 0], "y_m": self.mean_m[:, 1]}
         for name, row, column in (("xx", 0, 0), ("xy", 0, 1), ("yy", 1, 1)):
             columns[f"cov_{name}_m2"] = self.covariance_m2[:, row, column]
@@ -108,7 +134,11 @@ class LandmarkMap(Table):
             columns["confirmed"] = self.confirmed
         if self.class_index is not None:
             columns["class"] = [self.class_name(row) or None for row in range(len(self.ids))]
-        return columns if self.signature is None else columns | {"signature": self.signature}
+        if self.signature is not None:
+            columns["signature"] = self.signature
+        for residuals in self.residuals:
+            columns |= residuals.to_columns()
+        return columns
 
     def to_geojson(self, *, coordinates: Literal["local_metres"]) -> dict[str, Any]:
         """The landmarks as a GeoJSON FeatureCollection of points, with id, sightings and standard deviations.
@@ -261,6 +291,10 @@ class RunResult:
     """What the examination of the log found before the run: code, severity, message and remedy of each."""
     noise: dict[str, Any] = field(default_factory=dict)
     """The figures behind that: mean NIS with its band, and a factor for each standard deviation."""
+    calibration: dict[str, float] = field(default_factory=dict)
+    """What a run on ranges alone, or with a sensor of one's own, learned of scale and bias of its numbers, in
+    their units: `range_scale` and `range_bias_m`, with `range_scale_std` and `range_bias_std_m`. Empty where
+    nothing was to be learned."""
     chart: Map | None = None
     """The map that the run began with."""
     changes: Changes | None = None

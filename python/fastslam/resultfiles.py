@@ -25,7 +25,7 @@ from .errors import DataError
 from .evaluation import EvaluationOptions, Metrics, evaluate
 from .health import reason_bits, reason_names, status_code, status_name
 from .log import Floats, Log
-from .result import LandmarkMap, RunResult, Steps, Trajectory, Try
+from .result import LandmarkMap, Residuals, RunResult, Steps, Trajectory, Try
 
 TRAJECTORY_FILE = "trajectory.tum"
 SMOOTHED_FILE = "smoothed.tum"
@@ -37,7 +37,11 @@ STEPS_FILE = "steps.csv"
 PLACE_COLUMNS = ("id", "x_m", "y_m", "cov_xx_m2", "cov_xy_m2", "cov_yy_m2", "sightings")
 """What the landmarks of older results have."""
 LANDMARK_COLUMNS = (*PLACE_COLUMNS, "confirmed", "class", "signature")
-"""Of these the last two are empty where nothing is known."""
+"""What the landmarks of a map have; the last two are empty where nothing is known."""
+RESIDUAL_COLUMNS = tuple(
+    f"{kind}_residual{more}" for kind in ("range", "bearing") for more in ("s", "_rms", "_mean")
+)
+"""What those of a run have besides (`Residuals`), empty where nothing was compared."""
 STEP_COLUMNS: dict[str, str] = {"stamp_s": "number", "latency_us": "number", **dict(_core.step_fields())}
 """Columns of `Steps` in the order of the file, each with its kind; status and reasons stand as names."""
 COVARIANCE_COLUMNS = (
@@ -81,7 +85,7 @@ def write_result(
     contents = {
         TRAJECTORY_FILE: tum_text(result.trajectory),
         SMOOTHED_FILE: tum_text(result.smoothed),
-        LANDMARKS_FILE: csv_text(LANDMARK_COLUMNS, landmark_rows(result.landmarks)),
+        LANDMARKS_FILE: _landmarks_csv(result.landmarks),
         METRICS_FILE: to_json(values),
         CONFIG_FILE: config_yaml(result),
         RUN_FILE: to_json(_run_facts(result)),
@@ -238,6 +242,7 @@ def read_result(folder: Path | str) -> RunResult:
         warnings=tuple(facts["warnings"]),
         findings=tuple(facts.get("findings", ())),
         noise=facts["noise"],
+        calibration=dict(facts.get("calibration", {})),
         tries=_tries(facts.get("tries", []), source / RUN_FILE),
     )
 
@@ -295,6 +300,7 @@ def _run_facts(result: RunResult) -> dict[str, Any]:
         "warnings": list(result.warnings),
         "findings": list(result.findings),
         "noise": dict(result.noise),
+        "calibration": dict(result.calibration),
         "tries": [asdict(one) for one in result.tries],
     }
 
@@ -348,6 +354,15 @@ def landmark_rows(landmarks: LandmarkMap) -> Iterator[tuple[str, ...]]:
         )
         for row, (name, mean, cov, seen) in enumerate(places)
     )
+
+
+def _landmarks_csv(landmarks: LandmarkMap) -> str:
+    columns = {name: column for of in landmarks.residuals for name, column in of.to_columns().items()}
+    nothing = np.full(len(landmarks.ids), math.nan)
+    numbers = np.array([columns.get(name, nothing) for name in RESIDUAL_COLUMNS], dtype=np.float64)
+    more = zip(landmark_rows(landmarks), numbers.T, strict=True)
+    rows = ((*row, *(f"{n:.9g}" if math.isfinite(n) else "" for n in cells)) for row, cells in more)
+    return csv_text((*LANDMARK_COLUMNS, *RESIDUAL_COLUMNS), rows)
 
 
 def _signature_cell(landmarks: LandmarkMap, row: int) -> str:
@@ -467,13 +482,12 @@ def _read_tum(path: Path) -> Trajectory:
 
 
 def _read_table(
-    path: Path, columns: Sequence[str], *, older: Sequence[str] = ()
+    path: Path, columns: Sequence[str], *, older: Sequence[Sequence[str]] = ()
 ) -> list[tuple[int, list[str]]]:
     """Line numbers and cells of a CSV file with exactly this header, or an older, shorter one."""
     reader = csv.reader(io.StringIO(_read_text(path), newline=""))
     header = next(reader, [])
-    if older and header == list(older):
-        columns = older
+    columns = next((one for one in older if header == list(one)), columns)
     if header != list(columns):
         raise DataError(f"expected the header {','.join(columns)}, got {','.join(header)}", path, 1)
     return _rows(reader, len(columns), path)
@@ -501,7 +515,8 @@ def _number(cell: str, kind: Callable[[str], Any], path: Path, line: int) -> Any
 
 
 def _read_landmarks(path: Path) -> LandmarkMap:
-    rows = _read_table(path, LANDMARK_COLUMNS, older=PLACE_COLUMNS)
+    columns = (*LANDMARK_COLUMNS, *RESIDUAL_COLUMNS)
+    rows = _read_table(path, columns, older=(LANDMARK_COLUMNS, PLACE_COLUMNS))
     places = len(PLACE_COLUMNS)
     numbers = [[_number(cell, float, path, line) for cell in row[1:places]] for line, row in rows]
     table = np.array(numbers, dtype=float).reshape(-1, 6)
@@ -514,7 +529,7 @@ def _read_landmarks(path: Path) -> LandmarkMap:
     classes = [unguarded(cells[1]) if any(cells[1:2]) else "" for cells in more]
     names = tuple(sorted({name for name in classes if name}))
     signatures = [
-        _number(cells[2], float, path, line) if any(cells[2:]) else math.nan
+        _number(cells[2], float, path, line) if any(cells[2:3]) else math.nan
         for cells, (line, _) in zip(more, rows, strict=True)
     ]
     return LandmarkMap(
@@ -528,7 +543,23 @@ def _read_landmarks(path: Path) -> LandmarkMap:
         else None,
         signature=np.array(signatures) if np.isfinite(signatures).any() else None,
         class_names=names,
+        residuals=_residuals(path, [(line, row[len(LANDMARK_COLUMNS) :]) for line, row in rows]),
     )
+
+
+def _residuals(path: Path, rows: list[tuple[int, list[str]]]) -> tuple[Residuals, ...]:
+    """The residuals of each kind of which some landmark has one."""
+    found = []
+    for first in range(0, len(RESIDUAL_COLUMNS), 3):
+        cells = [[cell or "nan" for cell in row[first : first + 3]] for _, row in rows]
+        if not any(cells):
+            continue
+        lines = zip(cells, rows, strict=True)
+        table = np.array([[_number(cell, float, path, line) for cell in of] for of, (line, _) in lines])
+        if np.isfinite(table[:, 0]).any():
+            kind = RESIDUAL_COLUMNS[first].partition("_")[0]
+            found.append(Residuals(kind, table[:, 0].astype(np.int64), table[:, 1], table[:, 2]))
+    return tuple(found)
 
 
 _STEP_READERS: dict[str, tuple[Callable[[str], Any], Any, Any]] = {

@@ -301,7 +301,7 @@ class Robot:
             log = log_of(self._kept, columns, name=name, config=config, scanner=self._scanner)
             log = replace(log, identity_names=identity_names, class_names=class_names)
             given = Given(self._chart, None, identity_names)
-            return result_of(self._stream.output(), log, self.config, given), log
+            return result_of(self._stream.output(), log, self.config, given, self._adapter), log
 
     @property
     def searching(self) -> bool:

@@ -18,14 +18,16 @@ from .config import Config, merge
 from .covariances import symmetric
 from .datasets.registry import load
 from .detection import own_settings, with_detector, with_sightings
-from .errors import ConfigError, DataError, NumericalError
+from .errors import ConfigError, DataError, ModelError, NumericalError
 from .filter import landmark_map, step_info
 from .log import Log
 from .maps import Map, StartLike, changes, core_start
+from .misplaced import Misplaced, doubts_of, misplaced, without_misplaced
 from .noise import Told, after_losing, noise_sentences
+from .residuals import Group, compared, residuals_of
 from .result import RunResult, Steps, Trajectory
 from .sensor_checks import begun
-from .sensors import Sensor, own_layer
+from .sensors import Adapter, Sensor, own_layer
 from .settings import Layer, Partial
 from .several import as_the_core_takes, left_out, refuse_several
 from .timing import stage
@@ -184,7 +186,7 @@ def run(
         raise DataError(str(error), log.source) from None
     except RuntimeError as error:
         raise NumericalError(str(error)) from None
-    result = result_of(columns, log, configuration, given)
+    result = result_of(columns, log, configuration, given, adapter)
     if checkpoints is not None:
         result = replace(result, warnings=(*result.warnings, *checkpoints.warnings))
         if not result.interrupted:
@@ -269,8 +271,10 @@ def _watched(watch: Watch, config: Config, log: Log, given: Given) -> Callable[.
     return show
 
 
-def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -> RunResult:
-    """What the core's columns of a run, or of a stream, come to."""
+def result_of(
+    columns: dict[str, Any], log: Log, config: Config, given: Given, own: Adapter | None = None
+) -> RunResult:
+    """What the core's columns of a run, or of a stream, come to; `own` is a sensor of one's own."""
     chart_ids = () if given.chart is None else given.chart.landmarks.ids
     landmarks = landmark_map(columns["map"], given.names, log.class_names, chart_ids)
     result = RunResult(
@@ -296,9 +300,26 @@ def result_of(columns: dict[str, Any], log: Log, config: Config, given: Given) -
         | left_out(config, columns["steps"]["ignored"]),
         warnings=noise_sentences(columns["warnings"], config, log.sightings, detected=log.scans is not None),
         noise=columns["noise"],
+        calibration=columns["calibration"],
     )
-    result = judged(result, log, columns["two_places"])
+    result, found = _with_residuals(result, compared(result, log, own))
+    result = judged(result, log, columns["two_places"], doubts_of(result, found))
     return replace(result, warnings=after_losing(result.warnings, result.verdict))
+
+
+def _with_residuals(result: RunResult, groups: tuple[Group, ...]) -> tuple[RunResult, Misplaced]:
+    """The result with residuals, and what these say of its landmarks.
+
+    A sensor of one's own that cannot say what it should measure along the whole path costs them, not the run.
+    """
+    try:
+        residuals = residuals_of(groups, result.landmarks.mean_m)
+        found = misplaced(result, groups)
+    except ModelError as error:
+        unknown = f"how far sightings lie off the map is not known: {error}"
+        return replace(result, warnings=(*result.warnings, unknown)), Misplaced()
+    result = replace(result, landmarks=replace(result.landmarks, residuals=residuals))
+    return without_misplaced(result, found), found
 
 
 def peak_memory_bytes() -> int:

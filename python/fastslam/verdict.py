@@ -34,12 +34,15 @@ def warnings_of(result: RunResult) -> tuple[str, ...]:
     return (*result.verdict, *result.warnings)
 
 
-def judged(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -> RunResult:
+def judged(
+    result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = (), more: Iterable[Doubt] = ()
+) -> RunResult:
     """The result with its verdict, and with what its health says where the verdict does not say it.
 
-    `two_places` is the core's list of names that were seen at two places, as the poses were believed then.
+    `two_places` is the core's list of names that were seen at two places, as the poses were believed then;
+    `more` is held against the map too.
     """
-    (found, held), unhealthy = _held_against(result, log, two_places), health_warning(result.steps)
+    (found, held), unhealthy = _held_against(result, log, two_places, more), health_warning(result.steps)
     told = unhealthy is None or any(sentence.startswith(WAS_LOST) for sentence in found)
     warnings = (*result.warnings, *(() if told else (unhealthy,)))
     return replace(result, verdict=found, doubts=held, warnings=warnings)
@@ -66,7 +69,7 @@ def verdict(result: RunResult, log: Log, two_places: Iterable[TwoPlaces] = ()) -
 
 
 def _held_against(
-    result: RunResult, log: Log, two_places: Iterable[TwoPlaces]
+    result: RunResult, log: Log, two_places: Iterable[TwoPlaces], more: Iterable[Doubt] = ()
 ) -> tuple[tuple[str, ...], tuple[Doubt, ...]]:
     """The verdict, and all that was held against the map for it."""
     if result.interrupted:
@@ -81,7 +84,7 @@ def _held_against(
     of_map = _map_verdict(result, total, explained=bool(dropped))
     missing = not_found_again(result)
     again = () if missing is None else (missing,)
-    held = doubts(result, log)
+    held = tuple(sorted((*doubts(result, log), *more), key=lambda doubt: -doubt.ratio))
     others = (doubt for doubt in held if doubt.rule != NOT_FOUND)
     # Where most sightings were left out the cause is told already, and all else follows from it.
     doubted = () if int(result.steps.sightings.sum()) < MOSTLY * total else against(others)

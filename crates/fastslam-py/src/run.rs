@@ -7,6 +7,7 @@ use crate::{arrays, config, given, noise, step};
 use fastslam_core::config::Config;
 use fastslam_core::diagnosis::Returns;
 use fastslam_core::filter::Skipped;
+use fastslam_core::measurement::RangeErrors;
 use fastslam_core::run::{run_with, Observer, RunOutput, StepRecord, Task};
 use fastslam_core::stream::Stream;
 use fastslam_core::timeline::LogData;
@@ -193,6 +194,7 @@ pub fn to_dict<'py>(py: Python<'py>, output: &RunOutput, config: &Config) -> PyR
     dict.set_item("warnings", noise::warnings(py, &output.noise.warnings, &config.motion)?)?;
     dict.set_item("noise", noise::report(py, &output.noise, &config.motion)?)?;
     dict.set_item("two_places", noise::two_places(&output.two_places))?;
+    dict.set_item("calibration", calibration(py, output.map.range_errors.as_ref())?)?;
     dict.set_item("covariances_repaired", output.repaired)?;
     let smoothed = &output.smoothed;
     dict.set_item("smoothed_stamp_s", smoothed.iter().map(|n| n.0).collect::<Vec<_>>().into_pyarray(py))?;
@@ -222,6 +224,22 @@ pub fn skipped_to_dict<'py>(py: Python<'py>, skipped: &Skipped, returns: Returns
     }
     dict.set_item("landmarks_visited_again", returns.visited)?;
     dict.set_item("landmarks_not_found_again", returns.in_vain)?;
+    Ok(dict)
+}
+
+/// Scale and bias that were learned, under the names of their settings; empty where none was.
+fn calibration<'py>(py: Python<'py>, learned: Option<&RangeErrors>) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let Some(learned) = learned else { return Ok(dict) };
+    for (value, std) in [
+        (("range_scale", learned.range_scale), ("range_scale_std", learned.range_scale_std)),
+        (("range_bias_m", learned.range_bias_m), ("range_bias_std_m", learned.range_bias_std_m)),
+    ] {
+        if let (name, Some(of)) = std {
+            dict.set_item(value.0, value.1)?;
+            dict.set_item(name, of)?;
+        }
+    }
     Ok(dict)
 }
 

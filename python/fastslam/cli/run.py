@@ -427,11 +427,16 @@ def show(finished: Finished, *, json: bool = False, strict: bool = False) -> Non
     if json:
         print_json(_facts(finished))
     else:
+        from ..cards import calibration_text
+
         name, console = finished.result.log_name, stdout()
         several = len(finished.metrics) > 1
         console.print(
             summary_table(name, finished.metrics) if several else metrics_table(name, finished.metrics[0])
         )
+        if finished.result.calibration:
+            learned = calibration_text(finished.result.calibration)
+            console.print(f"learned: {learned}", soft_wrap=True, highlight=False, markup=False)
         for warning in finished.warnings:
             stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
         console.print(f"results: {finished.folder}", soft_wrap=True, highlight=False, markup=False)
@@ -453,6 +458,7 @@ def _facts(finished: Finished) -> dict[str, Any]:
         "results": str(finished.folder),
         "report": str(finished.folder / "report.html") if finished.report else None,
         "interrupted": finished.interrupted,
+        "calibration": finished.result.calibration,
         "verdict": finished.result.verdict,
         "warnings": finished.warnings,
         "findings": finished.result.findings,

@@ -621,7 +621,7 @@ impl<M: Placing> EkfSlam<M> {
                 appearance: Appearance::default(),
             })
             .collect();
-        MapEstimate { landmarks }
+        MapEstimate { landmarks, range_errors: None }
     }
 
     /// Covariance of (x, y, heading, x₀, y₀, x₁, …), in row order.

@@ -12,6 +12,7 @@ use crate::gaussian::Gaussian;
 use crate::geometry::{Pose, Symmetric2};
 use crate::given::Role;
 use crate::landmark::{column, Planar};
+use crate::measurement::RangeErrors;
 use crate::vector::vectorized;
 
 /// A landmark of the estimated map.
@@ -40,6 +41,9 @@ pub struct MapLandmark {
 pub struct MapEstimate {
     /// In the order of creation.
     pub landmarks: Vec<MapLandmark>,
+    /// Scale and bias of the sensor as learned with it, each with its standard deviation where it was to be learned;
+    /// nothing where neither was.
+    pub range_errors: Option<RangeErrors>,
 }
 
 /// The pose as the particles stand.
@@ -69,7 +73,8 @@ pub(super) fn estimate_beliefs(state: &mut State, beliefs: &Beliefs) {
 pub(super) fn estimate_map(settings: &Settings, state: &mut State) -> MapEstimate {
     let best = state.particles.best();
     let slots = state.landmarks.live_slots();
-    MapEstimate { landmarks: slots.into_iter().filter_map(|slot| map_landmark(settings, state, slot, best)).collect() }
+    let landmarks = slots.into_iter().filter_map(|slot| map_landmark(settings, state, slot, best)).collect();
+    MapEstimate { landmarks, range_errors: None }
 }
 
 /// A landmark of the map, where the best particle holds it.

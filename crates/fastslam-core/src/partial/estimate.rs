@@ -10,6 +10,7 @@ use crate::filter::{MapEstimate, MapLandmark, PoseEstimate, StepInfo};
 use crate::gaussian::Gaussian;
 use crate::geometry::{Pose, Symmetric2};
 use crate::given::Beginning;
+use crate::measurement::RangeErrors;
 use crate::motion::{MotionGaussian, RowPart};
 use crate::normal::Normal;
 use crate::sighting::{Scan, Seen};
@@ -20,7 +21,20 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
     /// weight has placed. Without names it is that of the best particle, and confirmed is what was seen often enough too.
     pub fn map(&self) -> MapEstimate {
         let slots = self.state.cloud.maps[self.state.cloud.particles.best()].len();
-        MapEstimate { landmarks: (0..slots).map(|slot| self.landmark(slot)).collect() }
+        let landmarks = (0..slots).map(|slot| self.landmark(slot)).collect();
+        MapEstimate { landmarks, range_errors: self.range_errors() }
+    }
+
+    /// What was learned of scale and bias; what is not free keeps its value, and has no standard deviation.
+    fn range_errors(&self) -> Option<RangeErrors> {
+        let free = self.prior.free();
+        let (Calibration { scale, bias }, std) = self.calibration();
+        (!free.is_empty()).then(|| RangeErrors {
+            range_scale: scale,
+            range_bias_m: bias,
+            range_scale_std: free.contains(&0).then_some(std[0]),
+            range_bias_std_m: free.contains(&1).then_some(std[1]),
+        })
     }
 
     fn landmark(&self, slot: usize) -> MapLandmark {
