@@ -6,7 +6,7 @@ import copy
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from fastslam.config import merge
 from fastslam.errors import ConfigError, DataError
 from fastslam.health import status_name
 from fastslam.robot import Step, Window
-from small_log import events, make_small_log, tell
+from small_log import LANDMARKS_M, events, make_small_log, tell
 
 CONFIG = {"filter": {"particles": 20}, "seed": 3}
 
@@ -125,6 +125,23 @@ def test_the_map_of_a_robot_is_that_of_its_end_and_the_robot_goes_on() -> None:
     np.testing.assert_array_equal(early.landmarks.mean_m, kept.landmarks.mean_m)
     np.testing.assert_array_equal(robot.map.landmarks.mean_m, kept.landmarks.mean_m)
     assert early.made_from == kept.made_from and early.name == "live"
+
+
+@pytest.mark.parametrize("late_draws", ["await", "put_off"])
+def test_a_draw_that_is_late_is_waited_for_or_put_off(late_draws: Literal["await", "put_off"]) -> None:
+    log = make_small_log(steps=600)
+    often = {"particles": 100, "rejuvenation": {"every_steps": 20, "delay_scans": 1}}
+    config = merge(log.config, {"filter": often, "seed": 3})
+    robot = Robot(config, identities="all", window=Window(late_s=1000.0, gap_s=1000.0), late_draws=late_draws)
+    for row in sorted(events(log)):
+        tell(robot, log, row)
+    assert robot.counts["waiting"] > 600
+    robot = pickle.loads(pickle.dumps(robot))
+    # All steps are computed in one call, and the next scan is there at once.
+    steps = robot.end()
+    assert len(steps) == 120
+    assert (robot.waits > 0, robot.put_off > 0) == (late_draws == "await", late_draws == "put_off")
+    assert len(robot.landmarks.ids) == len(LANDMARKS_M)
 
 
 MISTAKES: dict[str, tuple[dict[str, Any], str]] = {

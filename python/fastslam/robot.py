@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from . import _core
 from ._built import built_version
+from ._given import shown
 from .config import Config, detector_of, merge
 from .covariances import symmetric
 from .errors import ConfigError, DataError, NumericalError
@@ -89,6 +90,10 @@ class Robot:
     raw turns of a laser by `scan`, and detects landmarks in them itself; a section `detector` of `config` is
     laid over that of the scanner.
 
+    A draw of paths that is not done when it is due is waited for, and what comes out depends on nothing but
+    the rows. With `late_draws="put_off"` no step waits: the filter goes on until the draw is done, `put_off`
+    counts these steps, and what comes out depends on the machine.
+
     Several threads may share one robot: each call sees it between two calls of the others.
 
     Errors: `ConfigError` for the configuration, `DataError` for a window, map or start that is none.
@@ -100,6 +105,7 @@ class Robot:
     _step: Step | None
     _scanner: tuple[str, str] | None
     """Settings of the detector, and the geometry of the beams."""
+    _late_draws: str
     _kept: list[Row] | None = None
     """Rows for a result, where somebody wants one."""
     _refused: dict[str, int]
@@ -117,6 +123,7 @@ class Robot:
         keep: bool = False,
         sensor: Sensor | None = None,
         scanner: Scanner | None = None,
+        late_draws: Literal["await", "put_off"] = "await",
     ) -> None:
         self.config = Config.resolve(LIVE, config or {}, own_layer(sensor))
         if (detector := detector_of(self.config)) and scanner is None:
@@ -133,6 +140,9 @@ class Robot:
             refuse_several(self.config, "a robot in a kept map")
         if scanner is not None:
             refuse_several(self.config, "turns of a laser (`scanner`)")
+        if late_draws not in ("await", "put_off"):
+            raise DataError(f"late_draws: got {shown(late_draws)}, expected await or put_off")
+        self._late_draws = late_draws
         self._kind = identities
         self._window = (number("late_s", chosen.late_s), number("wait_s", chosen.wait_s), chosen.gap_s)
         names: Sequence[str] = ()
@@ -152,9 +162,14 @@ class Robot:
             stream = _core.Stream(self.config.to_json(), self._kind, self._window, self._adapter)
             if self._scanner is not None:
                 stream.scan_with(*self._scanner)
+        self._tell_late_draws(stream)
         if self._kept is not None:
             stream.keep_steps()
         return stream
+
+    def _tell_late_draws(self, stream: _core.Stream) -> None:
+        if self._late_draws == "put_off":
+            stream.put_off_late_draws()
 
     def _begin_in_map(self, start: StartLike) -> None:
         columns: _core._MapColumns | None = None
@@ -424,7 +439,13 @@ class Robot:
     def waits(self) -> int:
         """How often a step has waited for a draw of paths beside the filter, on this machine."""
         with self._lock:
-            return self._stream.waits()
+            return self._stream.lateness()[0]
+
+    @property
+    def put_off(self) -> int:
+        """How many steps have gone on without a draw that was due; 0 unless `late_draws` is `put_off`."""
+        with self._lock:
+            return self._stream.lateness()[1]
 
     @property
     def counts(self) -> dict[str, int]:
@@ -480,6 +501,7 @@ class Robot:
                 so_far=self._so_far.to_json(),
                 scanner=self._scanner,
                 told=self._told.kept or None,
+                late_draws=self._late_draws if self._late_draws != "await" else None,
             )
             return self._stream.save(kept)
 
@@ -492,6 +514,8 @@ class Robot:
             stream, config, note = _core.Stream.load(snapshot, self._adapter)
         kept = json.loads(note)
         self.config = Config.resolve(json.loads(config))
+        self._late_draws = kept.get("late_draws", "await")
+        self._tell_late_draws(stream)
         self._begin(stream, names=kept["names"], classes=kept["classes"])
         self._unexplained, self._ended = kept["unexplained"], kept["ended"]
         self._kind, self._window = "some", (0.0, 0.0, 0.0)

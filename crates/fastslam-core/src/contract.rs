@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::filter::{MapEstimate, PoseEstimate, Seen, Sighting, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
+use crate::late::{Late, Lateness};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::sighting::Scan;
 use crate::store::StoreUsage;
@@ -51,10 +52,12 @@ pub trait Slam: Send + Sync {
     fn two_places(&self) -> Vec<TwoPlaces>;
     /// What came of the returns to the landmarks of the map.
     fn returns(&self) -> Returns;
-    /// How often a step has waited for a draw of paths beside the filter.
-    fn waits(&self) -> u64 {
-        0
+    /// How often a draw of paths beside the filter was late.
+    fn lateness(&self) -> Lateness {
+        Lateness::default()
     }
+    /// From here on this is done where a draw of paths beside the filter is late.
+    fn when_late(&mut self, _late: Late) {}
     /// The state as bytes, from which [`Slam::restore`] goes on to the same bits; `note` is kept in their head.
     fn save(&self, note: &str) -> Result<Vec<u8>>;
     /// Takes over a state that was saved with this configuration; where that is refused, the filter is as it was.

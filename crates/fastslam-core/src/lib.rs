@@ -17,6 +17,7 @@ pub mod gaussian;
 pub mod geometry;
 pub mod given;
 pub mod landmark;
+pub mod late;
 pub mod limits;
 pub mod math;
 pub mod measurement;

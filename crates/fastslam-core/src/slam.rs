@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::filter::{FastSlam, Identities, MapEstimate, PoseEstimate, Seen, StepInfo};
 use crate::geometry::Pose;
 use crate::given::Beginning;
+use crate::late::{Late, Lateness};
 use crate::measurement::{Placing, RangeOrBearing, Sensor, EXPECTED_OF_OWN};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::partial::PartialSlam;
@@ -122,8 +123,11 @@ impl Slam for FastSlam {
     fn returns(&self) -> Returns {
         FastSlam::returns(self)
     }
-    fn waits(&self) -> u64 {
-        FastSlam::waits(self)
+    fn lateness(&self) -> Lateness {
+        FastSlam::lateness(self)
+    }
+    fn when_late(&mut self, late: Late) {
+        FastSlam::when_late(self, late);
     }
     fn save(&self, note: &str) -> Result<Vec<u8>> {
         FastSlam::save(self, note)

@@ -10,6 +10,7 @@ use fastslam_core::config::Config;
 use fastslam_core::error::Result;
 use fastslam_core::filter::PoseEstimate;
 use fastslam_core::geometry::Matrix3;
+use fastslam_core::late::Late;
 use fastslam_core::run::RunOutput;
 use fastslam_core::stream::{ScanRow, Scanner, StepRecord, Stream as Core, Taken, Window};
 use fastslam_core::timeline::{ControlRow, Row, SightingsRow};
@@ -226,9 +227,15 @@ impl Stream {
         path_to_arrays(py, &path)
     }
 
-    /// How often a step has waited for a draw of paths beside the filter.
-    fn waits(&self, py: Python<'_>) -> PyResult<u64> {
-        self.locked(py, |stream| stream.filter().waits())
+    /// How many steps have waited for a draw of paths beside the filter, and how many have gone on without one.
+    fn lateness(&self, py: Python<'_>) -> PyResult<(u64, u64)> {
+        let lateness = self.locked(py, |stream| stream.filter().lateness())?;
+        Ok((lateness.waits, lateness.put_off))
+    }
+
+    /// From here on no step waits for a draw of paths beside the filter.
+    fn put_off_late_draws(&self, py: Python<'_>) -> PyResult<()> {
+        self.locked(py, |stream| stream.filter().when_late(Late::PutOff))
     }
 
     /// Numbers of rows that were refused, by reason, and of those that wait.

@@ -23,6 +23,7 @@ from .watch import DEFAULT_PORT, Watching, WatchPort, watched
 
 if TYPE_CHECKING:
     from ..live import Session
+    from ..robot import Robot
     from ..watching import Watcher
 
 
@@ -34,6 +35,16 @@ class Known(str, Enum):
     none = "none"
 
 
+class WhenLate(str, Enum):
+    """What a step does where a draw of paths is late."""
+
+    await_ = "await"
+    put_off = "put_off"
+
+
+LateDraws = Annotated[
+    WhenLate, typer.Option(help="What steps do where a draw of paths is late: wait for it, or go on.")
+]
 InMap = Annotated[
     Path | None, typer.Option("--map", metavar="MAP", help="A map that was kept: a folder, or a table.")
 ]
@@ -72,6 +83,7 @@ def live_stream(
     out: Out = None,
     map_out: MapOut = None,
     no_report: NoReport = False,
+    late_draws: LateDraws = WhenLate.await_,
     watch: Watching = False,
     watch_port: WatchPort = DEFAULT_PORT,
 ) -> None:
@@ -97,6 +109,9 @@ def live_stream(
     --map-out keeps the map when the stream ends or is stopped: after a lap, some 30 m behind the line.
 
     --out leaves the files of a run over all that came, and that as a log, when the stream ends or is stopped.
+
+    --late-draws put_off lets no estimate wait for a draw of paths: where the machine is late, the next ones
+    take it over, and results depend on the machine. What was waited for, or put off, is said at the end.
 
     --watch serves a page on this machine that draws what is known; it can hold its picture, not the robot.
 
@@ -132,6 +147,7 @@ def live_stream(
             start=begin,
             keep=not extend,
             scanner=None if scanner is None else Scanner.load(scanner),
+            late_draws=late_draws.value,
         )
         if map is not None and start is None and "initial_pose" not in merge(*layers):
             said = "start: anywhere, since nothing says where; --start 0,0,0 is the origin of the map"
@@ -198,6 +214,7 @@ def _finish(session: Session, checkpoint: Path | None) -> None:
     last = session.end()
     if last is not None:
         _write(last.to_line())
+    _say_lateness(session.robot)
     refused = {key: count for key, count in session.robot.counts.items() if count and key != "waiting"}
     if session.faults.count:
         refused["lines that are no events"] = session.faults.count
@@ -206,6 +223,14 @@ def _finish(session: Session, checkpoint: Path | None) -> None:
     if refused:
         what = ", ".join(f"{count:,} {key}" for key, count in refused.items())
         stderr().print(f"passed over in all: {what}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _say_lateness(robot: Robot) -> None:
+    """How often a draw of paths was late on this machine."""
+    for count, what in ((robot.waits, "have waited for a draw"), (robot.put_off, "have gone on without one")):
+        if count:
+            said = f"draws of paths were late: {count:,} steps {what}"
+            stderr().print(said, markup=False, highlight=False, soft_wrap=True)
 
 
 def _write_map(session: Session, folder: Path) -> None:

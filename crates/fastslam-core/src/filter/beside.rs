@@ -4,7 +4,8 @@
 //! and then takes every call that the filter has had since. `filter.rejuvenation.delay_scans` scans later the filter
 //! becomes what the follower is, which is what it would be if it had drawn in place; that is put off by as many where the
 //! follower has begun another draw by then. When it is depends on the calls alone: where the follower is late the filter
-//! waits, and where there are no threads the follower works when it is asked for.
+//! waits, unless it was told to go on ([`Late::PutOff`]), and where there are no threads the follower works when it is
+//! asked for.
 
 use super::engine::Engine;
 use super::rejuvenation::draw_in_place;
@@ -12,6 +13,7 @@ use super::rounds::Progress;
 use super::state::{Drawing, State};
 use super::work::{Asked, Heard, Moment};
 use super::StepInfo;
+use crate::late::{Late, Lateness};
 use crate::measurement::Placing;
 use crate::motion::RowPart;
 use crate::sighting::Scan;
@@ -19,9 +21,12 @@ use crate::timeline::SightingsRow;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::panic::resume_unwind;
-use std::sync::mpsc::{channel, Receiver, SendError, Sender, TryRecvError};
-use std::sync::{Mutex, PoisonError};
+use std::sync::mpsc::{channel, Receiver, Sender, TryRecvError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{Builder, JoinHandle};
+
+/// A follower that is late by so many scans is waited for, whatever was said: what it has to catch up with is kept.
+const MOST_PUT_OFF: u32 = 1000;
 
 /// What a follower has done that no step has told of yet.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
@@ -70,6 +75,8 @@ enum Order<M> {
     Take(Call),
     /// To send a copy of what the follower is by then.
     Copy(Sender<Follower<M>>),
+    /// To give back the memory of what is not needed any more.
+    Forget(Box<Follower<M>>),
 }
 
 /// A filter that draws in place, with what it has done.
@@ -100,7 +107,6 @@ impl<M: Placing> Follower<M> {
         }
         // What was merged between draws the filter has told of.
         self.gains.merged += std::mem::take(&mut self.engine.work.draws.merged);
-        self.engine.work.draws.tell(Heard::Done);
     }
 
     fn scan(&mut self, scan: Scan<'_>, progress: Progress) {
@@ -108,25 +114,49 @@ impl<M: Placing> Follower<M> {
         let gains = self.engine.update(scan, progress).map_or(passed_over, |info| Gains::of(&info));
         self.gains.add(&gains);
     }
+}
 
-    fn obey(mut self, orders: Receiver<Order<M>>) -> Self {
-        for order in orders {
-            match order {
-                Order::Take(call) => self.take(call),
-                // Whoever asked may be gone.
-                Order::Copy(answer) => drop(answer.send(self.clone())),
+/// Where a follower is between two orders, so that nobody need wait for its thread to have it.
+type Home<M> = Arc<Mutex<Option<Follower<M>>>>;
+
+/// What the thread of a follower does until no more orders can come.
+fn obey<M: Placing>(home: &Home<M>, orders: Receiver<Order<M>>, hear: &Sender<Heard>) {
+    for order in orders {
+        // Nobody else has a lock while there are orders, and none is taken after a panic.
+        let mut home = home.lock().unwrap_or_else(PoisonError::into_inner);
+        match (order, home.as_mut()) {
+            (Order::Take(call), Some(follower)) => follower.take(call),
+            // Whoever asked may be gone.
+            (Order::Copy(answer), Some(follower)) => drop(answer.send(follower.clone())),
+            (Order::Forget(old), _) => {
+                drop(old);
+                continue;
             }
+            _ => continue,
         }
-        self
+        drop(home);
+        hear.send(Heard::Done).unwrap_or_default();
     }
+}
+
+/// What is found where a follower is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Found {
+    /// It has done all calls.
+    Done,
+    /// It has begun another draw.
+    Drawing,
+    /// It is late.
+    Busy,
 }
 
 /// A follower on a thread, which ends when no more orders can come.
 struct Worker<M> {
+    home: Home<M>,
     orders: Sender<Order<M>>,
-    thread: JoinHandle<Option<Follower<M>>>,
+    thread: JoinHandle<()>,
     heard: Mutex<Receiver<Heard>>,
-    /// Calls that it was told of and has done, and draws that it has begun, as far as was heard.
+    /// Orders that it was given and has done, and draws that it has begun, as far as was heard.
     told: u64,
     done: u64,
     begun: u32,
@@ -135,38 +165,50 @@ struct Worker<M> {
 impl<M: Placing> Worker<M> {
     /// The follower is given back where there are no threads.
     fn new(mut follower: Follower<M>) -> Result<Self, Box<Follower<M>>> {
-        let ((hand, handed), (orders, told)) = (channel::<Follower<M>>(), channel());
-        let work = move || handed.recv().ok().map(|follower| follower.obey(told));
-        let Ok(thread) = Builder::new().name("fastslam-draw".into()).spawn(work) else {
-            return Err(Box::new(follower));
-        };
-        let (hear, heard) = channel();
+        let ((orders, told), (hear, heard)) = (channel(), channel());
+        let home: Home<M> = Arc::default();
+        let (its, its_voice) = (Arc::clone(&home), hear.clone());
+        let spawned = Builder::new().name("fastslam-draw".into()).spawn(move || obey(&its, told, &its_voice));
+        let Ok(thread) = spawned else { return Err(Box::new(follower)) };
         let begun = follower.engine.work.draws.count;
         follower.engine.work.draws.hear = Some(hear);
-        match hand.send(follower) {
-            Ok(()) => Ok(Self { orders, thread, heard: Mutex::new(heard), told: 0, done: 0, begun }),
-            Err(SendError(follower)) => Err(Box::new(follower)),
-        }
+        *home.lock().unwrap_or_else(PoisonError::into_inner) = Some(follower);
+        Ok(Self { home, orders, thread, heard: Mutex::new(heard), told: 0, done: 0, begun })
     }
 
-    /// Waits until all calls are done, or more draws begun than so many. Returns whether all calls are done, and whether
-    /// there was anything to wait for.
-    fn wait(&mut self, draws: u32) -> (bool, bool) {
+    /// Looks whether all calls are done, or more draws begun than so many. Returns whether it was waited for, too.
+    fn look(&mut self, draws: u32, late: Late) -> (Found, bool) {
         let heard = self.heard.get_mut().unwrap_or_else(PoisonError::into_inner);
         let mut has_waited = false;
         while self.begun <= draws && self.done < self.told {
-            let next = heard.try_recv().or_else(|none| {
-                has_waited |= none == TryRecvError::Empty;
-                heard.recv()
-            });
+            let next = match heard.try_recv() {
+                Err(TryRecvError::Empty) if late == Late::PutOff => return (Found::Busy, false),
+                Err(TryRecvError::Empty) => {
+                    has_waited = true;
+                    heard.recv().ok()
+                }
+                next => next.ok(),
+            };
             match next {
-                Ok(Heard::Begun) => self.begun += 1,
-                Ok(Heard::Done) => self.done += 1,
-                // It has panicked, which is found when it is joined.
-                Err(_) => break,
+                Some(Heard::Begun) => self.begun += 1,
+                Some(Heard::Done) => self.done += 1,
+                // It has panicked, which is found when it is fetched.
+                None => break,
             }
         }
-        (self.begun <= draws, has_waited)
+        (if self.begun <= draws { Found::Done } else { Found::Drawing }, has_waited)
+    }
+
+    /// The follower once it has taken all calls; its thread is not waited for. A panic of that goes on here.
+    fn fetch(mut self) -> Option<(Follower<M>, Sender<Order<M>>)> {
+        self.look(u32::MAX, Late::Awaited);
+        let Self { home, orders, thread, .. } = self;
+        let Ok(mut at_home) = home.lock() else {
+            drop(orders);
+            thread.join().unwrap_or_else(|panic| resume_unwind(panic));
+            return None;
+        };
+        at_home.take().map(|follower| (follower, orders))
     }
 }
 
@@ -193,17 +235,17 @@ impl<M: Placing> Place<M> {
         }
     }
 
-    /// As [`Worker::wait`].
-    fn wait(&mut self, draws: u32) -> (bool, bool) {
+    /// As [`Worker::look`].
+    fn look(&mut self, draws: u32, late: Late) -> (Found, bool) {
         match self {
-            Self::Thread(worker) => worker.wait(draws),
+            Self::Thread(worker) => worker.look(draws, late),
             Self::Here(follower, calls) => {
                 let has_waited = !calls.is_empty();
                 while follower.engine.work.draws.count <= draws {
-                    let Some(call) = calls.pop_front() else { return (true, has_waited) };
+                    let Some(call) = calls.pop_front() else { return (Found::Done, has_waited) };
                     follower.take(call);
                 }
-                (false, has_waited)
+                (Found::Drawing, has_waited)
             }
         }
     }
@@ -224,18 +266,21 @@ impl<M: Placing> Place<M> {
         }
     }
 
-    /// The follower once it has taken all calls. A panic of its thread goes on here.
-    fn end(self) -> Option<Follower<M>> {
+    /// Lets the follower take all calls, and `exchange` what it is; returns whether there was one. Its thread gives back the
+    /// memory of what is left of it.
+    fn end(self, exchange: impl FnOnce(&mut Follower<M>)) -> bool {
         match self {
-            Self::Thread(Worker { orders, thread, .. }) => {
-                drop(orders);
-                thread.join().unwrap_or_else(|panic| resume_unwind(panic))
+            Self::Thread(worker) => {
+                let Some((mut follower, orders)) = worker.fetch() else { return false };
+                exchange(&mut follower);
+                drop(orders.send(Order::Forget(Box::new(follower))));
             }
             Self::Here(mut follower, calls) => {
                 calls.into_iter().for_each(|call| follower.take(call));
-                Some(*follower)
+                exchange(&mut follower);
             }
         }
+        true
     }
 }
 
@@ -265,18 +310,21 @@ impl<M: Placing> UnderWay<M> {
         Some(Kept { course: self.course, gains, begun: work.draws.count, state })
     }
 
-    /// Whether it is time to take the follower over; puts it off where that has begun another draw.
-    fn is_due(&mut self, delay: u32, waits: &mut u64) -> bool {
+    /// Whether it is time to take the follower over; puts it off where that has begun another draw, or is late and need not
+    /// be waited for.
+    fn is_due(&mut self, delay: u32, late: Late, lateness: &mut Lateness) -> bool {
         let Course { scans, due, draws, .. } = &mut self.course;
-        if scans < due {
+        if *scans < *due {
             return false;
         }
-        let (is_done, has_waited) = self.place.wait(*draws);
-        *waits += u64::from(has_waited);
-        if !is_done {
+        let late = if *scans < *due + MOST_PUT_OFF { late } else { Late::Awaited };
+        let (found, has_waited) = self.place.look(*draws, late);
+        lateness.waits += u64::from(has_waited);
+        lateness.put_off += u64::from(found == Found::Busy);
+        if found == Found::Drawing {
             (*due, *draws) = (*due + delay, *draws + 1);
         }
-        is_done
+        found == Found::Done
     }
 }
 
@@ -295,13 +343,14 @@ pub(super) struct Beside<M> {
     under_way: Option<UnderWay<M>>,
     /// Of followers that were taken over, which no step has told of yet.
     gains: Gains,
-    /// How often the filter has waited.
-    waits: u64,
+    /// What to do where a follower is late, and how often that was done.
+    late: Late,
+    lateness: Lateness,
 }
 
 impl<M> Default for Beside<M> {
     fn default() -> Self {
-        Self { under_way: None, gains: Gains::default(), waits: 0 }
+        Self { under_way: None, gains: Gains::default(), late: Late::default(), lateness: Lateness::default() }
     }
 }
 
@@ -314,7 +363,7 @@ impl<M: Placing> Beside<M> {
             follower.engine.work.draws.count = begun;
             UnderWay { course, place: Place::new(follower) }
         });
-        Self { under_way, gains, waits: 0 }
+        Self { under_way, gains, ..Self::default() }
     }
 
     /// What a snapshot holds of it: what no step has told of, and the draw under way, for which it waits.
@@ -322,9 +371,19 @@ impl<M: Placing> Beside<M> {
         (self.gains, self.under_way.as_ref().and_then(UnderWay::kept))
     }
 
-    /// How often the filter has waited for a draw.
-    pub fn waits(&self) -> u64 {
-        self.waits
+    /// How often the filter has waited for a draw, or gone on without one.
+    pub fn lateness(&self) -> Lateness {
+        self.lateness
+    }
+
+    /// What is done where a follower is late.
+    pub fn late(&self) -> Late {
+        self.late
+    }
+
+    /// From here on this is done where a follower is late.
+    pub fn when_late(&mut self, late: Late) {
+        self.late = late;
     }
 
     /// The filter was moved.
@@ -357,8 +416,8 @@ impl<M: Placing> Beside<M> {
 
     /// Makes the filter what its follower is, if it is time.
     pub fn take_over_when_due(&mut self, engine: &mut Engine<M>) {
-        let Self { under_way, waits, .. } = self;
-        if under_way.as_mut().is_some_and(|draw| draw.is_due(delay_of(engine), waits)) {
+        let Self { under_way, late, lateness, .. } = self;
+        if under_way.as_mut().is_some_and(|draw| draw.is_due(delay_of(engine), *late, lateness)) {
             self.take_over(engine);
         }
     }
@@ -366,11 +425,14 @@ impl<M: Placing> Beside<M> {
     /// Makes the filter what its follower is, if there is one; returns whether there was.
     pub fn take_over(&mut self, engine: &mut Engine<M>) -> bool {
         let Some(UnderWay { course, place }) = self.under_way.take() else { return false };
-        let Some(Follower { engine: Engine { state, .. }, gains }) = place.end() else { return false };
-        self.gains.add(&Gains { log_likelihood: gains.log_likelihood - course.log_likelihood, ..gains });
-        engine.state = state;
-        set_drawing(&mut engine.state, Drawing::Beside);
-        true
+        let has_taken = place.end(|Follower { engine: Engine { state, .. }, gains }| {
+            self.gains.add(&Gains { log_likelihood: gains.log_likelihood - course.log_likelihood, ..*gains });
+            std::mem::swap(&mut engine.state, state);
+        });
+        if has_taken {
+            set_drawing(&mut engine.state, Drawing::Beside);
+        }
+        has_taken
     }
 }
 

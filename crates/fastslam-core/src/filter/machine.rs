@@ -13,6 +13,7 @@ use super::{beginning, estimate, imagine, propose, rejuvenation, snapshot, MapEs
 use crate::config::Config;
 use crate::error::Result;
 use crate::given::Beginning;
+use crate::late::{Late, Lateness};
 use crate::measurement::Placing;
 use crate::motion::RowPart;
 use crate::sighting::Scan;
@@ -24,7 +25,8 @@ pub(super) trait Machine: Send + Sync {
     fn config(&self) -> &Config;
     fn state(&self) -> &State;
     fn work(&self) -> &Work;
-    fn waits(&self) -> u64;
+    fn lateness(&self) -> Lateness;
+    fn when_late(&mut self, late: Late);
     fn begin(&mut self, beginning: &Beginning) -> Result<()>;
     fn advance(&mut self, part: &RowPart) -> Result<()>;
     fn take(&mut self, scan: Scan<'_>) -> Result<StepInfo>;
@@ -61,8 +63,11 @@ impl<M: Placing> Machine for Running<M> {
     fn work(&self) -> &Work {
         &self.engine.work
     }
-    fn waits(&self) -> u64 {
-        self.beside.waits()
+    fn lateness(&self) -> Lateness {
+        self.beside.lateness()
+    }
+    fn when_late(&mut self, late: Late) {
+        self.beside.when_late(late);
     }
     fn begin(&mut self, beginning: &Beginning) -> Result<()> {
         beginning::begin(self.engine.setups.first(), &mut self.engine.state, beginning)
@@ -101,12 +106,15 @@ impl<M: Placing> Machine for Running<M> {
         snapshot::save(&self.engine, self.beside.kept(), note)
     }
     fn restore(&mut self, snapshot: &[u8]) -> Result<()> {
+        let late = self.beside.late();
         (self.engine, self.beside) = snapshot::restored(&self.engine.setups, snapshot)?;
+        self.beside.when_late(late);
         Ok(())
     }
     fn copy(&self) -> Box<dyn Machine> {
         let (mut engine, (gains, kept)) = (self.engine.clone(), self.beside.kept());
-        let beside = Beside::restored(&mut engine, gains, kept);
+        let mut beside = Beside::restored(&mut engine, gains, kept);
+        beside.when_late(self.beside.late());
         Box::new(Self { engine, beside })
     }
 }

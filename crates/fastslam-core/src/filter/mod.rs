@@ -65,6 +65,7 @@ use crate::diagnosis::{NoiseReport, Returns, TwoPlaces};
 use crate::error::Result;
 use crate::geometry::{Pose, Symmetric2};
 use crate::given::{Beginning, GivenLandmark};
+use crate::late::{Late, Lateness};
 use crate::measurement::{Placing, RangeOrBearing, Sensor};
 use crate::motion::{MotionGaussian, RowPart};
 use crate::path::PathForest;
@@ -186,10 +187,15 @@ impl FastSlam {
         self.machine.rejuvenate()
     }
 
-    /// How often a step has waited for a draw that is done beside the filter. It depends on the machine, and changes no
-    /// result.
-    pub fn waits(&self) -> u64 {
-        self.machine.waits()
+    /// How often a draw that is done beside the filter was late: it depends on the machine.
+    pub fn lateness(&self) -> Lateness {
+        self.machine.lateness()
+    }
+
+    /// From here on this is done where a draw beside the filter is late; at first it is awaited, and results depend on
+    /// nothing but the log.
+    pub fn when_late(&mut self, late: Late) {
+        self.machine.when_late(late);
     }
 
     /// The state as bytes, from which [`FastSlam::restore`] goes on to the same bits; `note` is kept in its head. Waits for

@@ -192,7 +192,7 @@ impl RunOutput {
         let filter = stream.filter();
         let (map, usage) = (filter.map(), filter.usage());
         let (noise, two_places, returns) = (filter.noise_report(), filter.two_places(), filter.returns());
-        let waits = filter.waits();
+        let waits = filter.lateness().waits;
         Self {
             filter_seconds: steps.iter().map(|s| s.latency_s).sum::<f64>(),
             steps,
