@@ -171,6 +171,9 @@ def test_a_mast_on_either_side_of_a_straight_path_is_undecided() -> None:
     assert "1 of the landmarks may as well stand elsewhere" in named.warnings[-1]
     assert "aside at (" in named.warnings[-1] and "m away" in named.warnings[-1]
     assert named.landmarks.confirmed is not None and not named.landmarks.confirmed[row]
+    assert [doubt.ratio for doubt in doubts_of(named, found)] == [0.25], "one is not too many"
+    (many,) = doubts_of(named, replace(found, undecided=4 * found.undecided, landmarks=30))
+    assert many.ratio == 1.0 and many.sentence.startswith("4 of 30 landmarks may as well stand elsewhere")
 
 
 def test_what_places_landmarks_at_sight_is_judged_by_other_rules(log: Log) -> None:

@@ -19,7 +19,7 @@ from .laid import LOOK_S, believed
 from .log import Floats, Ints
 from .residuals import Group
 from .result import RunResult
-from .trust import Doubt
+from .trust import FEW_ODD, MOST_WRONG, Doubt
 
 ALARM = 1e-3
 """Probability by which a map in which all is right is accused, shared by all its landmarks."""
@@ -144,16 +144,30 @@ def without_misplaced(result: RunResult, found: Misplaced) -> RunResult:
 
 
 def doubts_of(result: RunResult, found: Misplaced) -> tuple[Doubt, ...]:
-    """What speaks against the run: landmarks that stand elsewhere, by name."""
+    """What speaks against the run: landmarks that stand elsewhere, by name, and very many that may."""
+    return (*_elsewhere(result, found), *_too_many(found))
+
+
+def _too_many(found: Misplaced) -> Iterator[Doubt]:
+    count = len(found.undecided)
+    if count:
+        sentence = (
+            f"{count:,} of {found.landmarks:,} landmarks may as well stand elsewhere by their sightings, as "
+            "on the other side of the path: too many to believe the map"
+        )
+        yield Doubt("undecided", count / max(FEW_ODD, MOST_WRONG * found.landmarks), sentence)
+
+
+def _elsewhere(result: RunResult, found: Misplaced) -> Iterator[Doubt]:
     if not found.elsewhere:
-        return ()
+        return
     said = "; ".join(_said(result, stand) for stand in found.elsewhere[:MOST_NAMED])
     more = len(found.elsewhere) - MOST_NAMED
     sentence = (
         f"the places of {len(found.elsewhere):,} of {found.landmarks:,} landmarks are not to be believed, "
         f"and are provisional in the map: {said}" + (f"; and {more:,} more" if more > 0 else "")
     )
-    return (Doubt("misplaced", max(found.ratio), sentence),)
+    yield Doubt("misplaced", max(found.ratio), sentence)
 
 
 def _said(result: RunResult, stand: Stand) -> str:
