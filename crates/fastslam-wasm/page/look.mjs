@@ -78,10 +78,13 @@ class Browser {
     writeFileSync(join(out, name), Buffer.from(data, "base64"));
   }
 
-  stop() {
+  // Its processes write to the profile until they have ended, those below it a little longer.
+  async stop() {
     this.socket?.close();
+    const ended = new Promise((done) => this.process.once("exit", done));
     this.process.kill();
-    rmSync(this.profile, { recursive: true, force: true, maxRetries: 5 });
+    await ended;
+    rmSync(this.profile, { recursive: true, force: true, maxRetries: 20, retryDelay: 100 });
   }
 }
 
@@ -159,7 +162,7 @@ try {
   if (goal === null) browser.problems.push("a touch on the map did not drive the robot");
   if (problem !== null) browser.problems.push(problem);
 } finally {
-  browser.stop();
+  await browser.stop();
 }
 console.log(`${browser.problems.length} problems, pictures in ${out}`);
 for (const problem of browser.problems) console.log(problem);
