@@ -9,6 +9,7 @@ mod association;
 mod association_methods;
 mod beside;
 mod blind;
+mod dense;
 mod ekf_linear_world;
 mod ekf_textbook;
 mod existence;

@@ -1,5 +1,6 @@
 //! Each method of association against enumeration of all explanations of a scan.
 
+use crate::dense::Matrix;
 use fastslam_core::association::{
     assign, decide_assignment, decide_joint, decide_sampled, Appearance, Belief, CandidateTable, Candidates, Decision,
     FitTable, Hypothesis, ParticleHypothesis, Rules, Sampler, ScanSighting, Scratch, MOST_JOINT,
@@ -9,7 +10,6 @@ use fastslam_core::geometry::{Pose, Symmetric2};
 use fastslam_core::landmark::{Fit, Measured, Tail};
 use fastslam_core::measurement::{Cartesian, Placing};
 use fastslam_core::random::{Purpose, RandomSource};
-use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
 
 const MODEL: Cartesian = Cartesian { position_std_m: 0.1 };
@@ -71,8 +71,8 @@ impl Scene {
     /// ln N and the squared joint distance of a set of pairs (sighting, landmark), stacked.
     fn joint(&self, pairs: &[(usize, usize)]) -> (f64, f64) {
         let n = 2 * pairs.len();
-        let mut innovation = DVector::zeros(n);
-        let mut covariance = DMatrix::zeros(n, n);
+        let mut innovation = Matrix::zeros(n, 1);
+        let mut covariance = Matrix::zeros(n, n);
         for (a, (j, k)) in pairs.iter().enumerate() {
             let (mean, c) = &self.landmarks[*k];
             let r = self.scan[*j].measured.noise;
@@ -90,10 +90,10 @@ impl Scene {
         if n == 0 {
             return (0.0, 0.0);
         }
-        let cholesky = covariance.cholesky().unwrap();
-        let distance = innovation.dot(&cholesky.solve(&innovation));
-        let log_determinant = 2.0 * cholesky.l().diagonal().iter().map(|v| v.ln()).sum::<f64>();
-        (-0.5 * (distance + log_determinant + n as f64 * std::f64::consts::TAU.ln()), distance)
+        let (inverse, determinant) = covariance.inverse();
+        assert!(determinant > 0.0);
+        let distance = (innovation.transpose() * inverse * &innovation)[0];
+        (-0.5 * (distance + determinant.ln() + n as f64 * std::f64::consts::TAU.ln()), distance)
     }
 
     /// Every explanation of the scan in which a landmark explains at most one sighting.

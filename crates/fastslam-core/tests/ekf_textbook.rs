@@ -1,12 +1,12 @@
 //! EKF-SLAM against a textbook version: dense matrices, one prediction per control, hand-written Jacobians, Joseph's
 //! form with an explicit inverse. The two share no code but the random numbers.
 
+use crate::dense::Matrix;
 use fastslam_core::config::{AssociationMode, AssociationOrder, Config, Exclusion};
 use fastslam_core::ekf_slam::EkfSlam;
 use fastslam_core::filter::{Identities, Sighting};
 use fastslam_core::motion::{Motion, Velocity};
 use fastslam_core::random::{Purpose, RandomSource, Stream};
-use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2};
 use std::f64::consts::TAU;
 
 const SPEED_STD: f64 = 0.3;
@@ -22,15 +22,15 @@ fn wrap(angle: f64) -> f64 {
 
 /// State (x, y, heading, landmarks) and covariance as in any textbook.
 struct Textbook {
-    x: DVector<f64>,
-    p: DMatrix<f64>,
+    x: Matrix,
+    p: Matrix,
     /// Sequence number of each landmark by identity (known association).
     identity: Vec<u32>,
 }
 
 impl Textbook {
     fn new() -> Self {
-        Self { x: DVector::zeros(3), p: DMatrix::zeros(3, 3), identity: Vec::new() }
+        Self { x: Matrix::zeros(3, 1), p: Matrix::zeros(3, 3), identity: Vec::new() }
     }
 
     fn count(&self) -> usize {
@@ -45,24 +45,24 @@ impl Textbook {
         self.x[0] += r * ds;
         self.x[1] -= r * dc;
         self.x[2] = wrap(turned);
-        let mut f = DMatrix::identity(n, n);
+        let mut f = Matrix::identity(n);
         f[(0, 2)] = r * dc;
         f[(1, 2)] = r * ds;
-        self.p = &f * &self.p * f.transpose();
+        self.p = f.transforms(&self.p);
         // White noise of both rates, whose means over the row have the deviations: Gauss's rule with three points over
         // the row, which is exact to rounding for turns this small.
         for (at, weight) in [(0.5 - 0.15_f64.sqrt(), 5.0 / 18.0), (0.5, 4.0 / 9.0), (0.5 + 0.15_f64.sqrt(), 5.0 / 18.0)]
         {
             let heading = h + at * w * dt;
-            let mut g = DMatrix::zeros(n, 2);
+            let mut g = Matrix::zeros(n, 2);
             g[(0, 0)] = heading.cos();
             g[(1, 0)] = heading.sin();
             // A turn on the way swings what is left of it.
             g[(0, 1)] = r * (turned.cos() - heading.cos());
             g[(1, 1)] = r * (turned.sin() - heading.sin());
             g[(2, 1)] = 1.0;
-            let noise = Matrix2::new(SPEED_STD * SPEED_STD, 0.0, 0.0, YAW_RATE_STD * YAW_RATE_STD);
-            self.p += &g * noise * g.transpose() * (weight * dt * dt);
+            let noise = Matrix::diagonal(&[SPEED_STD * SPEED_STD, YAW_RATE_STD * YAW_RATE_STD]);
+            self.p = &self.p + g.transforms(&noise) * (weight * dt * dt);
         }
     }
 
@@ -73,13 +73,13 @@ impl Textbook {
         ([self.x[0] + c * a - s * b, self.x[1] + s * a + c * b], [-s * a - c * b, c * a - s * b])
     }
 
-    fn innovation(&self, landmark: usize, z: [f64; 2]) -> (Vector2<f64>, DMatrix<f64>) {
+    fn innovation(&self, landmark: usize, z: [f64; 2]) -> (Matrix, Matrix) {
         let (sensor, by_heading) = self.sensor();
         let at = 3 + 2 * landmark;
         let (dx, dy) = (self.x[at] - sensor[0], self.x[at + 1] - sensor[1]);
         let q = dx * dx + dy * dy;
         let r = q.sqrt();
-        let mut h = DMatrix::zeros(2, self.x.len());
+        let mut h = Matrix::zeros(2, self.x.len());
         h[(0, at)] = dx / r;
         h[(0, at + 1)] = dy / r;
         h[(1, at)] = -dy / q;
@@ -92,49 +92,45 @@ impl Textbook {
                 by_sensor[0] * by_heading[0] + by_sensor[1] * by_heading[1] - if row == 1 { 1.0 } else { 0.0 };
         }
         let expected = dy.atan2(dx) - self.x[2] - MOUNTING[2];
-        (Vector2::new(z[0] - r, wrap(z[1] - expected)), h)
+        (Matrix::column(&[z[0] - r, wrap(z[1] - expected)]), h)
     }
 
-    fn noise() -> DMatrix<f64> {
-        DMatrix::from_diagonal(&DVector::from_vec(vec![RANGE_STD * RANGE_STD, BEARING_STD * BEARING_STD]))
+    fn noise() -> Matrix {
+        Matrix::diagonal(&[RANGE_STD * RANGE_STD, BEARING_STD * BEARING_STD])
     }
 
     /// Squared Mahalanobis distance and log-likelihood.
     fn fit(&self, landmark: usize, z: [f64; 2]) -> (f64, f64) {
         let (nu, h) = self.innovation(landmark, z);
-        let s = &h * &self.p * h.transpose() + Self::noise();
-        let distance = (nu.transpose() * s.clone().try_inverse().unwrap() * nu)[0];
-        (distance, -0.5 * (distance + ((TAU * TAU) * s.determinant()).ln()))
+        let (inverse, determinant) = (h.transforms(&self.p) + Self::noise()).inverse();
+        let distance = (nu.transpose() * inverse * nu)[0];
+        (distance, -0.5 * (distance + ((TAU * TAU) * determinant).ln()))
     }
 
     fn correct(&mut self, landmark: usize, z: [f64; 2]) {
         let (nu, h) = self.innovation(landmark, z);
-        let s = &h * &self.p * h.transpose() + Self::noise();
-        let k = &self.p * h.transpose() * s.try_inverse().unwrap();
-        self.x += &k * nu;
+        let s = h.transforms(&self.p) + Self::noise();
+        let k = (&h * &self.p).transpose() * s.inverse().0;
+        self.x = &self.x + &k * nu;
         self.x[2] = wrap(self.x[2]);
-        let rest = DMatrix::identity(self.x.len(), self.x.len()) - &k * &h;
-        self.p = &rest * &self.p * rest.transpose() + &k * Self::noise() * k.transpose();
+        let rest = Matrix::identity(self.x.len()) - &k * &h;
+        self.p = rest.transforms(&self.p) + k.transforms(&Self::noise());
     }
 
     fn add(&mut self, z: [f64; 2]) {
         let n = self.x.len();
         let (sensor, by_heading) = self.sensor();
         let (s, c) = (self.x[2] + MOUNTING[2] + z[1]).sin_cos();
-        let mut j = DMatrix::zeros(2, n);
-        j[(0, 0)] = 1.0;
-        j[(1, 1)] = 1.0;
-        j[(0, 2)] = by_heading[0] - z[0] * s;
-        j[(1, 2)] = by_heading[1] + z[0] * c;
-        let by_z = DMatrix::from_row_slice(2, 2, &[c, -z[0] * s, s, z[0] * c]);
-        let mut grow = DMatrix::zeros(n + 2, n);
-        grow.view_mut((0, 0), (n, n)).copy_from(&DMatrix::identity(n, n));
-        grow.view_mut((n, 0), (2, n)).copy_from(&j);
-        self.p = &grow * &self.p * grow.transpose();
-        let own = &by_z * Self::noise() * by_z.transpose();
-        let mut corner = self.p.view_mut((n, n), (2, 2));
-        corner += own;
-        self.x = self.x.clone().push(sensor[0] + z[0] * c).push(sensor[1] + z[0] * s);
+        let mut grow = Matrix::from_fn(n + 2, n, |i, j| if i == j { 1.0 } else { 0.0 });
+        grow[(n, 0)] = 1.0;
+        grow[(n + 1, 1)] = 1.0;
+        grow[(n, 2)] = by_heading[0] - z[0] * s;
+        grow[(n + 1, 2)] = by_heading[1] + z[0] * c;
+        let mut by_z = Matrix::zeros(n + 2, 2);
+        [by_z[(n, 0)], by_z[(n, 1)]] = [c, -z[0] * s];
+        [by_z[(n + 1, 0)], by_z[(n + 1, 1)]] = [s, z[0] * c];
+        self.p = grow.transforms(&self.p) + by_z.transforms(&Self::noise());
+        self.x = Matrix::column(&[self.x.values(), &[sensor[0] + z[0] * c, sensor[1] + z[0] * s]].concat());
     }
 }
 
@@ -159,7 +155,7 @@ fn config() -> Config {
 
 /// A true robot that drives a noisy circle among landmarks on a grid.
 struct World {
-    pose: Matrix3<f64>,
+    pose: Matrix,
     landmarks: Vec<[f64; 2]>,
 }
 
@@ -169,7 +165,7 @@ impl World {
     fn new(spacing_m: f64) -> Self {
         let side = |i: i32| f64::from(i) * spacing_m;
         let landmarks = (-5..=5).flat_map(|i| (-2..9).map(move |j| [side(i), side(j)])).collect();
-        Self { pose: Matrix3::identity(), landmarks }
+        Self { pose: Matrix::identity(3), landmarks }
     }
 
     fn heading(&self) -> f64 {
@@ -179,11 +175,11 @@ impl World {
     fn drive(&mut self, noise: [f64; 2], dt: f64) {
         let (v, w) = (CONTROL[0] + SPEED_STD * noise[0], CONTROL[1] + YAW_RATE_STD * noise[1]);
         let (s, c) = (w * dt).sin_cos();
-        self.pose *= Matrix3::new(c, -s, v / w * s, s, c, v / w * (1.0 - c), 0.0, 0.0, 1.0);
+        self.pose = &self.pose * Matrix::of_rows(3, &[c, -s, v / w * s, s, c, v / w * (1.0 - c), 0.0, 0.0, 1.0]);
     }
 
     fn sightings(&self, stream: Stream, reach_m: f64) -> Vec<(u32, [f64; 2])> {
-        let sensor = self.pose * nalgebra::Vector3::new(MOUNTING[0], MOUNTING[1], 1.0);
+        let sensor = &self.pose * Matrix::column(&[MOUNTING[0], MOUNTING[1], 1.0]);
         let mut seen = Vec::new();
         for (identity, landmark) in self.landmarks.iter().enumerate() {
             let (dx, dy) = (landmark[0] - sensor[0], landmark[1] - sensor[1]);
@@ -211,7 +207,7 @@ fn difference(filter: &EkfSlam, book: &Textbook) -> f64 {
     }
     let joint = filter.joint_covariance();
     assert_eq!(joint.len(), book.p.len());
-    book.p.iter().zip(&joint).fold(worst, |worst, (a, b)| worst.max((a - b).abs()))
+    book.p.values().iter().zip(&joint).fold(worst, |worst, (a, b)| worst.max((a - b).abs()))
 }
 
 /// Drives both filters and returns the landmarks that they share and their largest difference.

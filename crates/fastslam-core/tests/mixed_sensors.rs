@@ -1,6 +1,7 @@
 //! Several sensors of different kinds: range and bearing, bearings alone, ranges alone.
 
 use crate::blind::Blind;
+use crate::dense::Matrix;
 use crate::stores_agree_on_logs::bits;
 use fastslam_core::config::{Algorithm, AssociationMode, Config, Method, Removal};
 use fastslam_core::ekf_slam::EkfSlam;
@@ -12,7 +13,6 @@ use fastslam_core::slam::{self, Slam};
 use fastslam_core::store::StoreKind;
 use fastslam_core::timeline::{LogData, Row};
 use fastslam_sim::{simulate, SimulatedLog, SimulationConfig};
-use nalgebra::{DMatrix, DVector, RowDVector};
 use std::f64::consts::TAU;
 
 /// Numbers of the sensors of [`exact`], in the order of their names.
@@ -74,12 +74,12 @@ fn derivative(of: usize, state: &[f64]) -> [f64; 5] {
 }
 
 /// A textbook update of a mean and a covariance by one number; returns how likely it was.
-fn update(x: &mut DVector<f64>, p: &mut DMatrix<f64>, h: &RowDVector<f64>, off: f64, variance: f64) -> f64 {
-    let s = (h * &*p * h.transpose())[0] + variance;
+fn update(x: &mut Matrix, p: &mut Matrix, h: &Matrix, off: f64, variance: f64) -> f64 {
+    let s = h.transforms(p)[0] + variance;
     let k = &*p * h.transpose() / s;
-    *x += &k * off;
-    let rest = DMatrix::identity(x.len(), x.len()) - &k * h;
-    *p = &rest * &*p * rest.transpose() + &k * variance * k.transpose();
+    *x = &*x + k.clone() * off;
+    let rest = Matrix::identity(x.len()) - &k * h;
+    *p = rest.transforms(p) + &k * k.transpose() * variance;
     -0.5 * (off * off / s + (TAU * s).ln())
 }
 
@@ -107,18 +107,18 @@ fn the_joint_filter_is_that_of_a_textbook_by_one_number() {
         filter.take(Scan { stamp_s, sensor: LASER, sightings: &[] }).unwrap();
         let pose = filter.pose().mean;
         let mean = filter.map().landmarks[0].mean;
-        let mut x = DVector::from_vec(vec![pose.x, pose.y, pose.heading, mean[0], mean[1]]);
-        let mut p = DMatrix::from_row_slice(5, 5, &filter.joint_covariance());
+        let mut x = Matrix::column(&[pose.x, pose.y, pose.heading, mean[0], mean[1]]);
+        let mut p = Matrix::of_rows(5, &filter.joint_covariance());
         let of = if step % 2 == 0 { CAMERA } else { RADIO };
-        let h = RowDVector::from_row_slice(&derivative(of, x.as_slice()));
-        let sighting = sightings(of, x.as_slice());
+        let h = Matrix::of_rows(1, &derivative(of, x.values()));
+        let sighting = sightings(of, x.values());
         let likelihood = update(&mut x, &mut p, &h, OFF[of], VARIANCE[of]);
         let info = filter.take(Scan { stamp_s, sensor: of, sightings: &[sighting] }).unwrap();
         let pose = filter.pose().mean;
         let mean = filter.map().landmarks[0].mean;
         let own = [pose.x, pose.y, pose.heading, mean[0], mean[1]];
-        assert!(own.iter().zip(x.iter()).all(|(own, by_hand)| (own - by_hand).abs() < 1e-8), "{own:?} {x}");
-        assert!(filter.joint_covariance().iter().zip(p.iter()).all(|(own, by_hand)| (own - by_hand).abs() < 1e-9));
+        assert!(own.iter().zip(x.values()).all(|(own, by_hand)| (own - by_hand).abs() < 1e-8), "{own:?} {x:?}");
+        assert!(filter.joint_covariance().iter().zip(p.values()).all(|(own, by_hand)| (own - by_hand).abs() < 1e-9));
         let exponent = filter.config().filter.likelihood_exponent;
         assert!((info.weighing.log_likelihood - exponent * likelihood).abs() < 1e-6, "{info:?}");
         compared += 1;
@@ -143,30 +143,30 @@ fn one_particle_is_exact(algorithm: Algorithm) {
         let h = derivative(of, &state);
         // Given the particle's pose the landmark is a Gaussian of its own: its covariance is part of the noise.
         let of_landmark = h[3] * h[3] * covariance.xx + 2.0 * h[3] * h[4] * covariance.xy + h[4] * h[4] * covariance.yy;
-        let (mut pose, mut p) = (DVector::from_row_slice(&state[..3]), DMatrix::zeros(3, 3));
+        let (mut pose, mut p) = (Matrix::column(&state[..3]), Matrix::zeros(3, 3));
         if algorithm == Algorithm::Fastslam2 {
-            p = DMatrix::from_row_slice(3, 3, believed.covariance.as_flattened());
+            p = Matrix::of_rows(3, believed.covariance.as_flattened());
         }
-        let row = RowDVector::from_row_slice(&h[..3]);
+        let row = Matrix::of_rows(1, &h[..3]);
         let likelihood = update(&mut pose, &mut p, &row, OFF[of], VARIANCE[of] + of_landmark);
         let info = filter.take(Scan { stamp_s, sensor: of, sightings: &[sightings(of, &state)] }).unwrap();
         let exponent = filter.config().filter.likelihood_exponent;
         assert!((info.weighing.log_likelihood - exponent * likelihood).abs() < 1e-6, "{algorithm:?}: {info:?}");
         if algorithm == Algorithm::Fastslam2 {
             let own = filter.pose();
-            assert!(own.mean.to_array().iter().zip(pose.iter()).all(|(a, b)| (a - b).abs() < 1e-8));
-            assert!(own.covariance.as_flattened().iter().zip(p.iter()).all(|(a, b)| (a - b).abs() < 1e-9));
+            assert!(own.mean.to_array().iter().zip(pose.values()).all(|(a, b)| (a - b).abs() < 1e-8));
+            assert!(own.covariance.as_flattened().iter().zip(p.values()).all(|(a, b)| (a - b).abs() < 1e-9));
         }
         // The landmark is corrected where the pose was drawn.
         let Pose { x, y, heading } = filter.particles().pose(0);
         let drawn = [x, y, heading, mean[0], mean[1]];
-        let mut landmark = DVector::from_row_slice(&mean);
-        let mut c = DMatrix::from_row_slice(2, 2, &[covariance.xx, covariance.xy, covariance.xy, covariance.yy]);
-        let row = RowDVector::from_row_slice(&derivative(of, &drawn)[3..]);
+        let mut landmark = Matrix::column(&mean);
+        let mut c = Matrix::of_rows(2, &[covariance.xx, covariance.xy, covariance.xy, covariance.yy]);
+        let row = Matrix::of_rows(1, &derivative(of, &drawn)[3..]);
         let off = wrap(OFF[of] + number(of, &state) - number(of, &drawn));
         update(&mut landmark, &mut c, &row, off, VARIANCE[of]);
         let (_, mean, covariance) = filter.map_of(0)[0];
-        assert!((0..2).all(|k| (mean[k] - landmark[k]).abs() < 1e-8), "{mean:?} {landmark}");
+        assert!((0..2).all(|k| (mean[k] - landmark[k]).abs() < 1e-8), "{mean:?} {landmark:?}");
         let own = [covariance.xx, covariance.xy, covariance.yy];
         assert!(own.iter().zip([c[(0, 0)], c[(0, 1)], c[(1, 1)]]).all(|(a, b)| (a - b).abs() < 1e-9));
     }

@@ -7,13 +7,13 @@
 
 #![allow(dead_code)] // Every test binary compiles its own copy and uses a part of it.
 
+use crate::dense::Matrix;
 use fastslam_core::association::Appearance;
 use fastslam_core::config::{Algorithm, Config};
 use fastslam_core::filter::Sighting;
 use fastslam_core::measurement::Cartesian;
 use fastslam_core::motion::{Increments, Motion};
 use fastslam_core::random::{Purpose, RandomSource, Stream};
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 pub const MODEL: Cartesian = Cartesian { position_std_m: 0.4 };
 pub const MOTION_STD_M: [f64; 2] = [0.3, 0.2];
@@ -79,8 +79,8 @@ pub fn sighting((landmark, value): (usize, [f64; 2])) -> Sighting {
 /// Mean and covariance of (robot, landmarks in the order of their first sighting), and the log evidence.
 #[derive(Clone, Debug)]
 pub struct Exact {
-    pub mean: DVector<f64>,
-    pub covariance: DMatrix<f64>,
+    pub mean: Matrix,
+    pub covariance: Matrix,
     pub log_evidence: f64,
     order: Vec<usize>,
 }
@@ -88,7 +88,7 @@ pub struct Exact {
 /// The joint Kalman filter over a log.
 pub fn exact(steps: &[Step]) -> Exact {
     let mut filter =
-        Exact { mean: DVector::zeros(2), covariance: DMatrix::zeros(2, 2), log_evidence: 0.0, order: Vec::new() };
+        Exact { mean: Matrix::zeros(2, 1), covariance: Matrix::zeros(2, 2), log_evidence: 0.0, order: Vec::new() };
     for (t, step) in steps.iter().enumerate() {
         for axis in 0..2 {
             filter.mean[axis] += step.control[axis];
@@ -96,8 +96,8 @@ pub fn exact(steps: &[Step]) -> Exact {
         }
         for &(landmark, value) in &step.sightings {
             match filter.order.iter().position(|known| *known == landmark) {
-                Some(at) => filter.condition(2 + 2 * at, Vector2::from(value)),
-                None => filter.grow(landmark, Vector2::from(value)),
+                Some(at) => filter.condition(2 + 2 * at, value),
+                None => filter.grow(landmark, value),
             }
         }
     }
@@ -105,34 +105,35 @@ pub fn exact(steps: &[Step]) -> Exact {
 }
 
 impl Exact {
-    fn noise() -> Matrix2<f64> {
-        Matrix2::identity() * MODEL.position_std_m.powi(2)
+    fn noise() -> Matrix {
+        Matrix::identity(2) * MODEL.position_std_m.powi(2)
     }
 
-    fn condition(&mut self, at: usize, value: Vector2<f64>) {
-        let mut h = DMatrix::zeros(2, self.mean.len());
+    fn condition(&mut self, at: usize, value: [f64; 2]) {
+        let mut h = Matrix::zeros(2, self.mean.len());
         for axis in 0..2 {
             h[(axis, axis)] = -1.0;
             h[(axis, at + axis)] = 1.0;
         }
-        let predicted = &h * &self.mean;
-        let innovation = DVector::from_column_slice(value.as_slice()) - predicted;
+        let innovation = Matrix::column(&value) - &h * &self.mean;
         let cross = &self.covariance * h.transpose();
-        let s = &h * &cross + DMatrix::from_column_slice(2, 2, Self::noise().as_slice());
-        let inverse = s.clone().cholesky().expect("positive definite").inverse();
-        let squared = (innovation.transpose() * &inverse * &innovation)[(0, 0)];
-        self.log_evidence -= 0.5 * (squared + s.determinant().ln()) + std::f64::consts::TAU.ln();
+        let s = &h * &cross + Self::noise();
+        let (inverse, determinant) = s.inverse();
+        assert!(determinant > 0.0 && s[(0, 0)] > 0.0, "not positive definite");
+        let squared = (innovation.transpose() * &inverse * &innovation)[0];
+        self.log_evidence -= 0.5 * (squared + determinant.ln()) + std::f64::consts::TAU.ln();
         let gain = cross * inverse;
-        self.mean += &gain * innovation;
-        self.covariance -= &gain * s * gain.transpose();
+        self.mean = &self.mean + &gain * innovation;
+        self.covariance = &self.covariance - gain.transforms(&s);
     }
 
-    fn grow(&mut self, landmark: usize, value: Vector2<f64>) {
+    fn grow(&mut self, landmark: usize, value: [f64; 2]) {
         let n = self.mean.len();
         self.order.push(landmark);
-        self.mean = DVector::from_fn(n + 2, |i, _| if i < n { self.mean[i] } else { self.mean[i - n] + value[i - n] });
+        self.mean =
+            Matrix::from_fn(n + 2, 1, |i, _| if i < n { self.mean[i] } else { self.mean[i - n] + value[i - n] });
         let source = |i: usize| if i < n { i } else { i - n };
-        self.covariance = DMatrix::from_fn(n + 2, n + 2, |i, j| {
+        self.covariance = Matrix::from_fn(n + 2, n + 2, |i, j| {
             let own = if i >= n && j >= n { Self::noise()[(i - n, j - n)] } else { 0.0 };
             self.covariance[(source(i), source(j))] + own
         });
