@@ -39,6 +39,9 @@ pub struct PathForest<P = Pose> {
     offspring: Vec<u32>,
     #[serde(skip)]
     letting_go: Vec<u32>,
+    /// So many of the nodes, from the first on, are those of the first steps in all paths.
+    #[serde(skip)]
+    trunk: usize,
     stamps_s: Vec<f64>,
 }
 
@@ -106,7 +109,9 @@ impl<P: Copy + Default + Send + Sync> PathForest<P> {
         self.nodes.clear();
         self.links.clear();
         self.free.clear();
+        self.trunk = 0;
         let Some(trunk) = poses.len().checked_sub(1) else { return };
+        self.trunk = trunk;
         for (step, &pose) in poses[..trunk].iter().enumerate() {
             let parent = step.checked_sub(1).map_or(NONE, |parent| parent as u32);
             self.nodes.push(Node { pose, step: step as u32 });
@@ -158,6 +163,36 @@ impl<P: Copy + Default + Send + Sync> PathForest<P> {
         path
     }
 
+    /// Number of poses on the path of one particle.
+    pub fn length(&self, particle: usize) -> usize {
+        self.nodes.get(self.tips[particle] as usize).map_or(0, |node| node.step as usize + 1)
+    }
+
+    /// Poses on the path of one particle at these places, which increase; `None` where it is shorter.
+    ///
+    /// **Why not [`PathForest::path`]**: after hours a copy of all of it takes longer than a step may.
+    pub fn poses_at(&self, particle: usize, places: &[usize]) -> Option<Vec<P>> {
+        let (mut index, mut poses) = (self.tips[particle], Vec::with_capacity(places.len()));
+        for &place in places.iter().rev() {
+            index = self.ancestor(index, place)?;
+            poses.push(self.nodes[index as usize].pose);
+        }
+        poses.reverse();
+        Some(poses)
+    }
+
+    /// The node of a step on the path that ends at a later one, or at itself.
+    fn ancestor(&self, mut index: u32, step: usize) -> Option<u32> {
+        while (index as usize) >= self.trunk {
+            let node = self.nodes.get(index as usize)?;
+            if node.step as usize <= step {
+                return (node.step as usize == step).then_some(index);
+            }
+            index = self.links[index as usize].parent;
+        }
+        (step <= index as usize).then_some(step as u32)
+    }
+
     /// Poses that are held.
     pub fn live_nodes(&self) -> usize {
         self.nodes.len() - self.free.len()
@@ -203,6 +238,31 @@ mod tests {
         let path: Vec<(f64, f64)> = forest.path(0).iter().map(|(t, pose)| (*t, pose.y)).collect();
         // Particle 0 came from particle 1 of step 2, that from particle 2 of step 1.
         assert_eq!(path, vec![(0.0, 2.0), (1.0, 2.0), (2.0, 1.0)]);
+    }
+
+    #[test]
+    fn poses_at_some_places_are_those_of_the_path() {
+        let mut forest = forest_after(&[&[0, 1, 2], &[2, 2, 0], &[1, 1, 1]]);
+        let check = |forest: &PathForest| {
+            for particle in 0..3 {
+                let path = forest.path(particle);
+                assert_eq!(forest.length(particle), path.len());
+                for places in [vec![], (0..path.len()).collect(), vec![0, path.len() - 1], vec![1]] {
+                    let expected: Vec<Pose> = places.iter().map(|place: &usize| path[*place].1).collect();
+                    assert_eq!(forest.poses_at(particle, &places), Some(expected), "{places:?}");
+                }
+                assert_eq!(forest.poses_at(particle, &[path.len()]), None);
+            }
+        };
+        check(&forest);
+        forest.replace(&[7.0, 8.0, 9.0].map(|x| Pose::new(x, 0.0, 0.0)), |i| Pose::new(9.0, i as f64, 0.0));
+        check(&forest);
+        for ancestors in [[2, 0, 0], [0, 0, 1], [2, 1, 1]] {
+            forest.extend(9.0, &Workers::default(), |i| Pose::new(10.0, i as f64, 1.0));
+            forest.resample(&ancestors);
+            check(&forest);
+        }
+        assert_eq!(PathForest::<Pose>::new(1).poses_at(0, &[0]), None);
     }
 
     #[test]

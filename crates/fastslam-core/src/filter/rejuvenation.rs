@@ -64,8 +64,12 @@ pub(super) fn thin_past<M>(setup: &Setup<M>, state: &mut State) {
     let step_now = |step: usize| left.partition_point(|left| (*left as usize) < step);
     *last = last.checked_sub(1).map_or(0, |drawn| step_now(drawn) + 1);
     let Some(need) = need else { return };
-    let path: Vec<Pose> = state.path.path(state.particles.best()).into_iter().map(|(_, pose)| pose).collect();
-    if let Some(poses) = history.keyframes.of(&path, history.steps()) {
+    let (best, steps) = (state.particles.best(), history.steps());
+    if state.path.length(best) != history.keyframes.path_length(steps) {
+        return;
+    }
+    let places: Vec<usize> = (0..steps).map(|step| history.keyframes.place(step)).collect();
+    if let Some(poses) = state.path.poses_at(best, &places) {
         need.thinned(step_now, (history, &Trajectory { start, poses }));
     }
 }

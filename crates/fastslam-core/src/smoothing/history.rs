@@ -192,11 +192,16 @@ impl History {
     /// The landmarks that some particle sighted in each step: step and birth, in this order, each once.
     pub(super) fn births_by_step(&self) -> Vec<(u32, u32)> {
         let mut sighted: Vec<(u32, u32)> = Vec::with_capacity(self.choices.len());
-        for Explanation { step, first_choice, count, .. } in &self.explanations {
-            let choices = &self.choices[*first_choice as usize..(first_choice + count) as usize];
-            sighted.extend(choices.iter().filter(|birth| **birth != NO_LANDMARK).map(|birth| (*step, *birth)));
+        // They are in the order of their steps: to sort each step takes a fraction of what sorting all takes.
+        for of_step in self.explanations.chunk_by(|one, next| one.step == next.step) {
+            let first = sighted.len();
+            for Explanation { step, first_choice, count, .. } in of_step {
+                let choices = &self.choices[*first_choice as usize..(first_choice + count) as usize];
+                sighted.extend(choices.iter().filter(|birth| **birth != NO_LANDMARK).map(|birth| (*step, *birth)));
+            }
+            sighted[first..].sort_unstable();
         }
-        sighted.sort_unstable();
+        debug_assert!(sighted.is_sorted());
         sighted.dedup();
         sighted
     }

@@ -28,9 +28,14 @@ impl Keyframes {
         (0..steps).rposition(|step| self.place(step) < first).map_or(0, |before| before + 1)
     }
 
+    /// Number of poses of the path of so many steps.
+    pub fn path_length(&self, steps: usize) -> usize {
+        steps + self.forgotten
+    }
+
     /// The poses of a path that are steps, so many in all; `None` where the path has not as many.
     pub fn of(&self, path: &[Pose], steps: usize) -> Option<Vec<Pose>> {
-        (path.len() == steps + self.forgotten).then(|| (0..steps).map(|step| path[self.place(step)]).collect())
+        (path.len() == self.path_length(steps)).then(|| (0..steps).map(|step| path[self.place(step)]).collect())
     }
 
     /// The path whose steps have these poses; between two it runs as it did before, the difference spread over the way.
