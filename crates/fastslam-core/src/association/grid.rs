@@ -3,6 +3,7 @@
 //! Each landmark is a box that covers its mean in every map, widened by its uncertainty; resampling can only shrink the
 //! set of maps, so a box stays valid until its landmark changes. Boxes lie in the cells of a hash grid.
 
+use crate::vector::leasts;
 use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 
@@ -31,29 +32,15 @@ impl Box2 {
     /// The smallest box around `count` boxes given as (low, high), in a form that vector code can follow.
     #[inline(always)]
     pub fn around(count: usize, part: impl Fn(usize) -> ([f64; 2], [f64; 2])) -> Self {
-        const LANES: usize = 8;
-        let (mut low, mut high) = ([[f64::INFINITY; LANES]; 2], [[f64::NEG_INFINITY; LANES]; 2]);
-        let whole = count - count % LANES;
-        for first in (0..whole).step_by(LANES) {
-            for lane in 0..LANES {
-                let (part_low, part_high) = part(first + lane);
-                for axis in 0..2 {
-                    low[axis][lane] = least(part_low[axis], low[axis][lane]);
-                    high[axis][lane] = -least(-part_high[axis], -high[axis][lane]);
-                }
-            }
-        }
-        for i in whole..count {
-            let (part_low, part_high) = part(i);
-            for axis in 0..2 {
-                low[axis][0] = least(part_low[axis], low[axis][0]);
-                high[axis][0] = -least(-part_high[axis], -high[axis][0]);
-            }
-        }
-        Self {
-            low: low.map(|lanes| lanes.into_iter().fold(f64::INFINITY, f64::min)),
-            high: high.map(|lanes| lanes.into_iter().fold(f64::NEG_INFINITY, f64::max)),
-        }
+        let [x, y, far_x, far_y] = leasts(
+            count,
+            #[inline(always)]
+            |i| {
+                let ([x, y], [far_x, far_y]) = part(i);
+                [x, y, -far_x, -far_y]
+            },
+        );
+        Self { low: [x, y], high: [-far_x, -far_y] }
     }
 
     /// Whether the two have a point in common.
@@ -75,16 +62,6 @@ impl Box2 {
     /// The longer side.
     pub fn size(&self) -> f64 {
         (self.high[0] - self.low[0]).max(self.high[1] - self.low[1])
-    }
-}
-
-/// The lesser number; `b` when `a` is none. One instruction, unlike `f64::min`.
-#[inline(always)]
-fn least(a: f64, b: f64) -> f64 {
-    if a < b {
-        a
-    } else {
-        b
     }
 }
 
