@@ -88,6 +88,12 @@ impl CandidateTable {
         self.values[(candidate as usize * self.columns + column) * self.particles + particle]
     }
 
+    /// A column of a candidate from this particle on, and all numbers that stand behind it.
+    #[inline(always)]
+    pub(super) fn values_from(&self, candidate: u32, column: usize, particle: usize) -> &[f64] {
+        &self.values[(candidate as usize * self.columns + column) * self.particles + particle..]
+    }
+
     /// The rows of a candidate.
     pub fn rows(&self, candidate: u32) -> Rows<'_> {
         let size = self.columns * self.particles;
@@ -151,6 +157,12 @@ impl Evidence {
                 add(j, *candidate, &mut self.values[begin..]);
             }
         }
+    }
+
+    /// What speaks for a pair from this particle on, and all numbers that stand behind it.
+    #[inline(always)]
+    pub(super) fn values_from(&self, pair: usize, particle: usize) -> &[f64] {
+        &self.values[pair * self.particles + particle..]
     }
 
     /// What speaks for a pair in every map; `None` where nothing speaks for any.

@@ -13,8 +13,9 @@ impl<M: Placing> Block<'_, '_, M> {
         let (width, question, first) = (self.width(), self.question, self.first);
         let Workspace { lanes, best, drawn, order: own, candidates, pairs, first_pair, .. } = &mut *self.workspace;
         let sightings = if order == Order::Own { own[rank] } else { [rank as u32; BLOCK] };
+        let stream = question.stream;
         for i in 0..width.min(BLOCK) {
-            drawn.left[i] = question.stream.uniform((first + i) as u32, sightings[i]);
+            drawn.left[i] = stream.uniform((first + i) as u32, sightings[i]);
         }
         let limits = [question.rules.log_unexplained_density, question.rules.likelihood_exponent];
         drawn.pick(width, limits, best, &mut lanes.log_likelihood);

@@ -168,12 +168,10 @@ impl<'b, M: Placing> Block<'_, 'b, M> {
         lanes.begin(width, self.question.T_robot_sensor);
         candidates.resize_with(table.slots.len(), Candidate::default);
         for (candidate, number) in candidates.iter_mut().zip(0..) {
-            let rows = table.rows(number);
-            let mine = |index: usize| &rows.column(index)[first..][..count];
-            candidate.presence[..count].copy_from_slice(mine(column::SIGHTINGS));
+            take(&mut candidate.presence, count, table.values_from(number, column::SIGHTINGS, first));
             candidate.is_held = candidate.presence[..count].iter().any(|presence| *presence != 0.0);
             for (column, index) in candidate.gaussian.iter_mut().zip(column::MEAN_X..) {
-                column[..count].copy_from_slice(mine(index));
+                take(column, count, table.values_from(number, index, first));
             }
         }
         pairs.clear();
@@ -185,8 +183,8 @@ impl<'b, M: Placing> Block<'_, 'b, M> {
         first_pair.push(pairs.len() as u32);
         let speaks = &self.question.evidence;
         evidence.resize(if speaks.of(0).is_some() { pairs.len() } else { 0 }, ZERO);
-        for (own, column) in evidence.iter_mut().zip((0..pairs.len()).map_while(|pair| speaks.of(pair))) {
-            own[..count].copy_from_slice(&column[first..][..count]);
+        for (own, pair) in evidence.iter_mut().zip(0..) {
+            take(own, count, speaks.values_from(pair, first));
         }
     }
 
@@ -404,6 +402,17 @@ impl<'b, M: Placing> Block<'_, 'b, M> {
         if order != Order::Certain {
             lanes.refine(width, &sight, question.T_robot_sensor, best);
         }
+    }
+}
+
+/// Takes the first `count` numbers over, with those that follow where there are any: beyond the count anything may stand.
+///
+/// **Why:** a copy whose length is known is a few instructions, any other is a call.
+#[inline(always)]
+fn take(column: &mut Column, count: usize, values: &[f64]) {
+    match values.first_chunk() {
+        Some(whole) => *column = *whole,
+        None => column[..count].copy_from_slice(&values[..count]),
     }
 }
 
