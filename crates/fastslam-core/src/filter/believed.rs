@@ -33,6 +33,17 @@ struct Detections {
     detection: f64,
 }
 
+impl Detections {
+    /// Of so many maps, map i becomes a copy of map `ancestor_indices[i]`; `spare` is used for its memory.
+    fn resample(&mut self, maps: usize, ancestor_indices: &[u32], spare: &mut Vec<f64>) {
+        spare.clear();
+        for column in self.values.chunks_exact(maps) {
+            spare.extend(ancestor_indices.iter().map(|ancestor| column[*ancestor as usize]));
+        }
+        std::mem::swap(&mut self.values, spare);
+    }
+}
+
 impl Existence {
     /// For so many empty maps.
     pub fn new(kind: StoreKind, particles: usize) -> Self {
@@ -81,7 +92,7 @@ impl Existence {
 
     /// Map i becomes a copy of the former map `ancestor_indices[i]`.
     pub fn resample(&mut self, ancestor_indices: &[u32]) {
-        self.last.columns.clear();
+        self.last.resample(self.store.particle_count(), ancestor_indices, &mut self.former.values);
         self.store.resample(ancestor_indices);
     }
 

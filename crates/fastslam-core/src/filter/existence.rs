@@ -77,9 +77,9 @@ pub(super) fn judge(
     let odds = Odds::of(settings);
     let view = View::of(settings);
     note_sighted(claims, maps.particles.len(), &mut judging.sighted);
-    list_in_reach(&view, &mut maps, claims, &correcting.sensor_poses, judging);
     let mut directions = std::mem::take(&mut judging.directions);
     let eyes = Eyes::of(&correcting.sensor_poses, &mut directions);
+    list_in_reach(&view, &mut maps, claims, &eyes, judging);
     judging.verdicts.judged.resize(maps.particles.len(), false);
     let mut removed = 0;
     for place in 0..judging.in_reach.len() {
@@ -108,12 +108,12 @@ fn list_in_reach(
     view: &View,
     maps: &mut Maps<'_>,
     claims: Claims<'_>,
-    sensor_poses: &SensorPoses,
+    eyes: &Eyes<'_>,
     Judging { in_reach, sighted, .. }: &mut Judging,
 ) {
     let particles = maps.particles.len();
     in_reach.clear();
-    let region = view.region(particles, sensor_poses);
+    let region = view.region(particles, eyes);
     maps.landmarks.find(&region, in_reach);
     in_reach.retain(|slot| maps.landmarks.may_lie_in(*slot, &region));
     let sighted = claims.table.slots.iter().zip(sighted.chunks_exact(particles));
@@ -182,18 +182,34 @@ impl View {
     }
 
     /// A box around everything that any particle's sensor can see for sure.
-    fn region(&self, particles: usize, sensor_poses: &SensorPoses) -> Box2 {
-        let (x, y, far_m) = (&sensor_poses.x[..particles], &sensor_poses.y[..particles], self.far_m);
+    fn region(&self, particles: usize, eyes: &Eyes<'_>) -> Box2 {
+        let ([ahead, radius], n) = (self.circle(), particles);
+        let (x, y, sine, cosine) = (&eyes.poses.x[..n], &eyes.poses.y[..n], &eyes.sine[..n], &eyes.cosine[..n]);
         vectorized(
             #[inline(always)]
             || {
                 Box2::around(
-                    particles,
+                    n,
                     #[inline(always)]
-                    |i| ([x[i] - far_m, y[i] - far_m], [x[i] + far_m, y[i] + far_m]),
+                    |i| {
+                        let (x, y) = (x[i] + ahead * cosine[i], y[i] + ahead * sine[i]);
+                        ([x - radius, y - radius], [x + radius, y + radius])
+                    },
                 )
             },
         )
+    }
+
+    /// A circle around all that is in view: how far ahead of the sensor its middle is, and its radius.
+    ///
+    /// **Why:** a sector of up to 120° lies in the circle through its corners, r / (2 cos w) ahead for a half width w.
+    fn circle(&self) -> [f64; 2] {
+        let corners_m = 0.5 * self.far_m * (1.0 + self.slope * self.slope).sqrt();
+        if corners_m < self.far_m {
+            [corners_m, corners_m * (1.0 + ROUNDING_RAD)]
+        } else {
+            [0.0, self.far_m]
+        }
     }
 
     /// In which maps a landmark is in view.
