@@ -5,7 +5,8 @@ use fastslam_core::diagnosis::Health;
 use fastslam_core::filter::{LeftOut, MapChanges, NoiseInWindow, Sampling, Skipped, StepInfo, Weighing};
 use numpy::IntoPyArray;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::sync::PyOnceLock;
+use pyo3::types::{PyDict, PyString};
 
 /// What a field is; in Python `number` is a float, `count` an integer, `flag` a bool; `status` and `reasons` are coded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -107,6 +108,9 @@ step_fields! {
     warnings (noise.warnings) {}
 }
 
+/// The names of the fields as Python has them: made once, not for every step of a robot on its way.
+static NAMES: PyOnceLock<Vec<Py<PyString>>> = PyOnceLock::new();
+
 /// Name and kind of each field of a step, in the order in which they are shown.
 #[pyfunction]
 pub fn step_fields() -> Vec<(&'static str, &'static str)> {
@@ -115,10 +119,13 @@ pub fn step_fields() -> Vec<(&'static str, &'static str)> {
 
 /// Adds the fields of one step to `dict`, a value each.
 pub fn set_values(dict: &Bound<'_, PyDict>, info: &StepInfo) -> PyResult<()> {
-    FIELDS.iter().try_for_each(|field| match field.read {
-        Read::Number(read) => dict.set_item(field.name, read(info)),
-        Read::Whole(read) => dict.set_item(field.name, read(info)),
-        Read::Flag(read) => dict.set_item(field.name, read(info)),
+    let names = NAMES.get_or_init(dict.py(), || {
+        FIELDS.iter().map(|field| PyString::intern(dict.py(), field.name).unbind()).collect()
+    });
+    FIELDS.iter().zip(names).try_for_each(|(field, name)| match field.read {
+        Read::Number(read) => dict.set_item(name, read(info)),
+        Read::Whole(read) => dict.set_item(name, read(info)),
+        Read::Flag(read) => dict.set_item(name, read(info)),
     })
 }
 
