@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import fastslam
 import numpy as np
 import pytest
+from fabricate import make_steps
 from fastslam import FastSlam
 from fastslam.datasets import load
 from fastslam.evaluation import evaluate
@@ -60,6 +62,23 @@ def steps_until(result: RunResult, status: HealthStatus) -> int | None:
     health = result.steps.health[result.steps.stamp_s >= FAULT_S]
     reached = np.flatnonzero(health >= status)
     return int(reached[0]) if len(reached) else None
+
+
+@pytest.mark.parametrize(
+    ("lost", "degraded", "said"),
+    [
+        (0, 80, "the filter was degraded in 8 % of its steps (no sightings)"),
+        (80, 0, "the filter was lost in 8 % of its steps (no sightings)"),
+        (3, 80, "the filter was lost in less than 1 % and degraded in 8 % of its steps (no sightings)"),
+        (0, 50, None),
+    ],
+)
+def test_only_what_happened_is_said(lost: int, degraded: int, said: str | None) -> None:
+    health = np.full(1000, int(HealthStatus.OK))
+    health[:degraded], health[degraded : degraded + lost] = HealthStatus.DEGRADED, HealthStatus.LOST
+    reasons = np.where(health > HealthStatus.OK, reason_bits("no_sightings"), 0)
+    steps = replace(make_steps(np.arange(1000.0)), health=health, health_reasons=reasons)
+    assert health_warning(steps) == said
 
 
 @pytest.mark.slow(but="kidnapped-fastslam2-known")

@@ -318,9 +318,9 @@ def test_the_verdict_comes_first_then_the_map_then_numbers() -> None:
     where = [page.index(mark) for mark in ('class="verdict"', 'class="warning"', "<svg", 'class="cards"')]
     assert where == sorted(where)
     against = re.search(r'<p class="verdict">([^<]*)</p>', page)
-    assert against is not None and "2 things to look at" in against.group(1)
+    assert against is not None and "Believable, with 2 warnings." in against.group(1)
     steps = replace(make_steps(np.arange(200.0)), health=np.ones(200, dtype=np.int64))
-    assert "No check speaks against this run" in make_page(run=replace(make_run(), steps=steps))
+    assert "Believable: no check speaks against the run." in make_page(run=replace(make_run(), steps=steps))
 
 
 def test_provisional_landmarks_are_not_in_the_headline() -> None:
@@ -365,10 +365,10 @@ def test_a_page_with_a_thousand_landmarks_stays_small_and_one_with_more_says_whe
 def test_a_run_that_was_stopped_or_never_judged_is_not_called_good() -> None:
     steps = replace(make_steps(np.arange(200.0)), health=np.ones(200, dtype=np.int64))
     stopped = make_page(run=replace(make_run(), steps=steps, interrupted=True))
-    assert "The run was stopped early." in stopped and 'class="verdict good"' not in stopped
+    assert "Undecided: the run was stopped early." in stopped and 'class="verdict good"' not in stopped
     unjudged = replace(steps, health=np.zeros(200, dtype=np.int64))
     page = make_page(run=replace(make_run(), steps=unjudged))
-    assert "Too little was seen again to judge this run." in page
+    assert "Undecided: too little was seen again to judge the run." in page
 
 
 def named(page: str) -> list[tuple[float, float, bool, str]]:

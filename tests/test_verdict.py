@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from cli_runner import Outcome
 from cli_runner import fastslam as command
+from fabricate import make_run
 from fastslam import FastSlam
 from fastslam.datasets import load, write_native
 from fastslam.errors import ConfigError
@@ -20,7 +21,7 @@ from fastslam.health import has_reason
 from fastslam.log import Log
 from fastslam.resultfiles import read_result, write_result
 from fastslam.simulation import resolve_simulation, simulate
-from fastslam.verdict import named_twice, verdict, warnings_of
+from fastslam.verdict import in_one_line, is_believable, named_twice, verdict, warnings_of
 
 
 def demo(**settings: object) -> Log:
@@ -248,6 +249,20 @@ def test_neither_drift_nor_misread_names_nor_both_ruin_a_map(seed: int, share: f
     assert often.sum() > 100 and np.sqrt(np.mean(off**2)) < 1.0
 
 
+def test_a_run_is_always_told_in_one_line() -> None:
+    run = make_run()
+    assert in_one_line(run) == "believable: no check speaks against the run" and is_believable(run)
+    assert in_one_line(replace(run, warnings=("a", "b"))) == "believable, with 2 warnings"
+    doubted = replace(run, verdict=("a",), warnings=("b",))
+    assert in_one_line(doubted) == "not believable: 1 check speaks against map or path"
+    assert is_believable(doubted) is False
+    stopped = replace(run, interrupted=True)
+    assert in_one_line(stopped) == "undecided: the run was stopped early" and is_believable(stopped) is None
+    steps = replace(run.steps, health=np.zeros_like(run.steps.health))
+    unjudged = replace(run, steps=steps)
+    assert in_one_line(unjudged).startswith("undecided: too little") and is_believable(unjudged) is None
+
+
 def lost_on_the_way(folder: Path) -> None:
     """A log whose robot is turned by 1 rad half-way, which its odometry does not say."""
     log = demo()
@@ -267,7 +282,8 @@ def test_a_script_can_tell_a_run_that_is_not_to_be_believed(tmp_path: Path) -> N
         return command("run", tmp_path / log, *given, *options)
 
     told = run("turned", "--json")
-    assert told.exit_code == 0 and json.loads(told.stdout)["verdict"], "without --strict as ever"
+    facts = json.loads(told.stdout)
+    assert told.exit_code == 0 and facts["verdict"] and not facts["believable"], "without --strict as ever"
     strict = run("turned", "--json", "--strict")
     assert strict.exit_code == 1 and json.loads(strict.stdout)["verdict"], (
         "the numbers are there all the same"
@@ -275,5 +291,8 @@ def test_a_script_can_tell_a_run_that_is_not_to_be_believed(tmp_path: Path) -> N
     assert strict.stderr.splitlines()[-1] == "error: the verdict speaks against this run (--strict)"
     several = run("turned", "--strict", "--runs", "2")
     assert several.exit_code == 1 and "speaks against 2 of 2 runs" in several.stderr
-    assert run("sound", "--strict").exit_code == 0
+    sound = run("sound", "--strict")
+    assert sound.exit_code == 0
+    assert "\nverdict: believable: no check speaks against the run\n" in sound.stdout
+    assert "\nverdict: believable:" in command("eval", tmp_path / "sound-1").stdout
     assert run("sound", "--strict", "--runs", "2").exit_code == 0

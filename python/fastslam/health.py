@@ -94,5 +94,10 @@ def health_warning(steps: Steps) -> str | None:
         return None
     bad = steps.health_reasons[steps.health > HealthStatus.OK]
     reasons = ", ".join(name.replace("_", " ") for name in REASONS if has_reason(bad, name).any())
-    lost, degraded = 100.0 * found.lost, 100.0 * found.degraded
-    return f"the filter was lost in {lost:.0f} % and degraded in {degraded:.0f} % of its steps ({reasons})"
+    shares = {"lost": found.lost, "degraded": found.degraded}
+    said = " and ".join(f"{what} in {_percent(share)}" for what, share in shares.items() if share > 0.0)
+    return f"the filter was {said} of its steps ({reasons})"
+
+
+def _percent(share: float) -> str:
+    return "less than 1 %" if share < 0.005 else f"{share:.0%}".replace("%", " %")

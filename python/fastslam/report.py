@@ -21,7 +21,7 @@ from .log import Log
 from .report_landmarks import landmark_table, names_layer
 from .result import RunResult
 from .resultfiles import REPORT_FILE, config_yaml, write_atomically
-from .verdict import warnings_of
+from .verdict import in_one_line, is_believable, warnings_of
 
 _CARDS = (
     ("ate_rmse_m", "path error, RMSE"),
@@ -120,16 +120,12 @@ def _facts(result: RunResult, log: Log) -> str:
 
 
 def _verdict(result: RunResult) -> str:
-    """One line: whether anything speaks against the run."""
-    against, health = len(warnings_of(result)), health_summary(result.steps)
-    said = "" if health.ok is None else f"The filter's health was ok in {health.ok:.0%} of its steps. "
-    if against:
-        return f'<p class="verdict">{said}{against} thing{"s" * (against > 1)} to look at.</p>'
-    if result.interrupted:
-        return f'<p class="verdict">{said}The run was stopped early.</p>'
-    if health.ok is None:
-        return '<p class="verdict">Too little was seen again to judge this run.</p>'
-    return f'<p class="verdict good">{said}No check speaks against this run.</p>'
+    """One line: whether the run is to be believed, as the console says it."""
+    line, health = in_one_line(result), health_summary(result.steps)
+    said = "" if health.ok is None else f" The filter's health was ok in {health.ok:.0%} of its steps."
+    is_good = is_believable(result) and not warnings_of(result)
+    look = "verdict good" if is_good else "verdict"
+    return f'<p class="{look}">{escape(line[:1].upper() + line[1:])}.{said}</p>'
 
 
 def _warnings(result: RunResult, found: Evaluation) -> str:

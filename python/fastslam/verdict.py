@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .contradictions import TwoPlaces, share_misnamed, that_contradict_themselves
-from .health import health_warning
+from .health import health_summary, health_warning
 from .log import Floats, Log, Sightings
 from .result import RunResult
 from .several import as_of_one
@@ -32,6 +32,31 @@ UNITS = {"feet": 0.3048, "centimetres": 1e-2, "millimetres": 1e-3}
 def warnings_of(result: RunResult) -> tuple[str, ...]:
     """Everything that speaks against a run, a sentence each: verdict, noise, health."""
     return (*result.verdict, *result.warnings)
+
+
+def is_believable(result: RunResult) -> bool | None:
+    """Whether map and path are to be believed: not where there is a verdict; None where nobody can tell."""
+    if result.verdict:
+        return False
+    return None if result.interrupted or health_summary(result.steps).ok is None else True
+
+
+def in_one_line(result: RunResult) -> str:
+    """Whether the run is to be believed, in a few words that are never missing."""
+    believable, warnings = is_believable(result), len(result.warnings)
+    if believable is False:
+        return f"not believable: {_checks(len(result.verdict))} against map or path"
+    if result.interrupted:
+        return "undecided: the run was stopped early"
+    if believable is None:
+        return "undecided: too little was seen again to judge the run"
+    if warnings:
+        return f"believable, with {warnings:,} warning{'s' * (warnings > 1)}"
+    return "believable: no check speaks against the run"
+
+
+def _checks(count: int) -> str:
+    return "1 check speaks" if count == 1 else f"{count:,} checks speak"
 
 
 def judged(

@@ -12,6 +12,7 @@ from .console import make_table, stdout
 from .encoding import print_json
 from .evaluate import log_of
 from .options import Format, Json, Robot, Run
+from .output import in_one_line_of_runs, say_verdict
 
 
 def compare_results(
@@ -46,6 +47,7 @@ def compare_results(
     from ..evaluation import evaluate_run
     from ..evaluation.runs import summarize
     from ..resultfiles import read_result
+    from ..verdict import in_one_line
 
     scored = []
     for folder, name in zip(results, short_names(results), strict=True):
@@ -63,6 +65,11 @@ def compare_results(
     columns = [f">{group.name}" for group in groups]
     rows = [(name, *values, shown_unit(name)) for name, values in metrics.items()]
     stdout().print(make_table("metrics", ("metric", *columns, "unit"), rows))
+    for group in groups:
+        unsound = sum(bool(member.result.verdict) for member in group.members)
+        runs = len(group.members)
+        said = in_one_line(group.first.result) if runs == 1 else in_one_line_of_runs(runs, unsound)
+        say_verdict(f"{group.name}: {said}")
     if settings:
         rows = [(name, *values) for name, values in settings.items()]
         stdout().print(make_table("settings that differ", ("setting", *columns), rows))

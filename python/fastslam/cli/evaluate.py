@@ -13,7 +13,7 @@ from ..errors import DataError
 from .console import make_table, progress_bar, stderr, stdout
 from .encoding import print_json
 from .options import Format, Json, Robot, Run
-from .output import metrics_table, read_log_reference, summary_table
+from .output import metrics_table, read_log_reference, say_verdict, summary_table
 from .simulate import SETTINGS_FILE
 from .space import evaluate_in_space, in_space, refuse
 
@@ -56,6 +56,7 @@ def evaluate_results(
     """
     from ..evaluation import evaluate
     from ..resultfiles import read_result
+    from ..verdict import in_one_line
 
     if any(in_space(folder) for folder in results):
         refuse({"--runs": runs, "--robot": robot, "--run": run})
@@ -67,11 +68,16 @@ def evaluate_results(
         log = log_of(results[0], truth, format, robot, run)
         _show_consistency(results[0], log, runs, json=json, out=out or results[0])
         return
-    metrics = [evaluate(read_result(folder), log_of(folder, truth, format, robot, run)) for folder in results]
+    read = [read_result(folder) for folder in results]
+    metrics = [
+        evaluate(result, log_of(folder, truth, format, robot, run))
+        for result, folder in zip(read, results, strict=True)
+    ]
     if json:
         print_json(metrics[0] if len(metrics) == 1 else _several(results, metrics))
     elif len(metrics) == 1:
         stdout().print(metrics_table(str(results[0]), metrics[0]))
+        say_verdict(in_one_line(read[0]))
     else:
         stdout().print(summary_table(f"{len(results)} results", metrics))
 

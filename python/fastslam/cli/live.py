@@ -215,6 +215,8 @@ def _finish(session: Session, checkpoint: Path | None) -> None:
     if last is not None:
         _write(last.to_line())
     _say_lateness(session.robot)
+        why = f" ({', '.join(name.replace('_', ' ') for name in last.why)})" if last.why else ""
+        stderr().print(f"health at the end: {last.health}{why}", markup=False, highlight=False)
     refused = {key: count for key, count in session.robot.counts.items() if count and key != "waiting"}
     if session.faults.count:
         refused["lines that are no events"] = session.faults.count
@@ -244,6 +246,7 @@ def _write_results(session: Session, folder: Path, *, report: bool) -> None:
     """The files of a run over what came, with what came as a log of its own."""
     from ..datasets.native_write import write_native
     from ..outputs import write_outputs
+    from ..verdict import in_one_line, warnings_of
 
     if session.robot.searching or session.step is None:
         why = "the robot was not found in its map" if session.robot.searching else "nothing came"
@@ -252,6 +255,9 @@ def _write_results(session: Session, folder: Path, *, report: bool) -> None:
     write_outputs(result, log, folder, report=report)
     reference = LogReference(write_native(log, folder / "log"), "native")
     write_log_reference(folder, reference)
+    for warning in warnings_of(result):
+        stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
+    stderr().print(f"verdict: {in_one_line(result)}", markup=False, highlight=False, soft_wrap=True)
     stderr().print(f"results: {folder}", markup=False, highlight=False, soft_wrap=True)
 
 

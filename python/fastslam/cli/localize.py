@@ -28,7 +28,7 @@ from .options import (
     start_given,
     topics_named,
 )
-from .output import LogReference, metrics_table
+from .output import LogReference, metrics_table, say_verdict
 
 if TYPE_CHECKING:
     from ..localisation import Localisation, Mode
@@ -142,7 +142,7 @@ def _begin(found: Localisation) -> str:
 
 def _show(found: Localisation, written: tuple[Path, Any] | None) -> None:
     from ..resultfiles import REPORT_FILE
-    from ..verdict import warnings_of
+    from ..verdict import in_one_line, warnings_of
 
     console = stdout()
     console.print(_begin(found), highlight=False, markup=False, soft_wrap=True)
@@ -161,6 +161,7 @@ def _show(found: Localisation, written: tuple[Path, Any] | None) -> None:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
     for warning in warnings_of(found.result):
         stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
+    say_verdict(in_one_line(found.result))
     console.print(f"results: {written[0]}", soft_wrap=True, highlight=False, markup=False)
     page = written[0] / REPORT_FILE
     if page.exists():
@@ -168,7 +169,7 @@ def _show(found: Localisation, written: tuple[Path, Any] | None) -> None:
 
 
 def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, Any]:
-    from ..verdict import warnings_of
+    from ..verdict import is_believable, warnings_of
 
     result = found.result
     changes = None if result is None else result.changes
@@ -189,6 +190,7 @@ def _facts(found: Localisation, written: tuple[Path, Any] | None) -> dict[str, A
         "changes": None
         if changes is None
         else {"new": changes.new, "gone": changes.gone, "renamed": changes.renamed},
+        "believable": None if result is None else is_believable(result),
         "verdict": None if result is None else result.verdict,
         "warnings": None if result is None else warnings_of(result),
         "results": None if written is None else str(written[0]),

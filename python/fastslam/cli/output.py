@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import DataError
-from .console import make_table
+from .console import make_table, stdout
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -64,6 +64,18 @@ def _meaning(info: KeyInfo, width: int) -> str:
     text = f"{info.type}. {only_for}{info.description}"
     indent = "    "
     return textwrap.fill(text, max(width, 20), initial_indent=indent, subsequent_indent=indent)
+
+
+def say_verdict(line: str) -> None:
+    """Whether what was computed is to be believed, on the console; never missing."""
+    stdout().print(f"verdict: {line}", markup=False, highlight=False, soft_wrap=True)
+
+
+def in_one_line_of_runs(runs: int, unsound: int) -> str:
+    """Whether all of several runs are to be believed, against `unsound` of which there is a verdict."""
+    if not unsound:
+        return f"believable: no check speaks against any of {runs:,} runs"
+    return f"not all believable: checks speak against {unsound:,} of {runs:,} runs"
 
 
 def metrics_table(title: str, metrics: Metrics) -> Table:

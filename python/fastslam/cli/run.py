@@ -32,7 +32,14 @@ from .options import (
     Verbose,
     topics_named,
 )
-from .output import LogReference, metrics_table, summary_table, write_log_reference
+from .output import (
+    LogReference,
+    in_one_line_of_runs,
+    metrics_table,
+    say_verdict,
+    summary_table,
+    write_log_reference,
+)
 from .space import SpaceRequest, format_in_space, refuse, run_in_space
 from .times import times_shown
 from .tune import learned_into, sounder_into
@@ -331,6 +338,14 @@ class Finished:
         return list(warnings_of(self.result))
 
     @property
+    def verdict_line(self) -> str:
+        """Whether the run, or each of several, is to be believed."""
+        from ..verdict import in_one_line
+
+        runs = len(self.metrics)
+        return in_one_line(self.result) if runs == 1 else in_one_line_of_runs(runs, self.unsound)
+
+    @property
     def mapped_nothing(self) -> bool:
         """Whether the first run made no map at all."""
         from ..verdict import is_empty
@@ -439,6 +454,7 @@ def show(finished: Finished, *, json: bool = False, strict: bool = False) -> Non
             console.print(f"learned: {learned}", soft_wrap=True, highlight=False, markup=False)
         for warning in finished.warnings:
             stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
+        say_verdict(finished.verdict_line)
         console.print(f"results: {finished.folder}", soft_wrap=True, highlight=False, markup=False)
         if finished.report:
             page = finished.folder / "report.html"
@@ -453,12 +469,15 @@ def show(finished: Finished, *, json: bool = False, strict: bool = False) -> Non
 
 
 def _facts(finished: Finished) -> dict[str, Any]:
+    from ..verdict import is_believable
+
     facts = {
         "log": finished.result.log_name,
         "results": str(finished.folder),
         "report": str(finished.folder / "report.html") if finished.report else None,
         "interrupted": finished.interrupted,
         "calibration": finished.result.calibration,
+        "believable": is_believable(finished.result),
         "verdict": finished.result.verdict,
         "warnings": finished.warnings,
         "findings": finished.result.findings,

@@ -14,7 +14,13 @@ from ..errors import ConfigError, DataError
 from .console import make_table, progress_bar, stderr, stdout
 from .encoding import print_json
 from .errors import RUN_FAILED, refuse_unsound
-from .output import LogReference, read_log_reference, write_log_reference
+from .output import (
+    LogReference,
+    in_one_line_of_runs,
+    read_log_reference,
+    say_verdict,
+    write_log_reference,
+)
 
 if TYPE_CHECKING:
     from ..space import SpaceLog, SpaceResult
@@ -88,7 +94,7 @@ def run_in_space(request: SpaceRequest, folder: Path) -> None:
     first = results[0]
     metrics = write_outputs(first, log, folder, report=request.report, other_runs=others)
     write_log_reference(folder, LogReference(request.path, log.format))
-    _show(first, [metrics, *others], folder, json=request.json)
+    _show(first, [metrics, *others], folder, unsound, json=request.json)
     if result.interrupted:
         stderr().print("interrupted: the results end where the run was stopped")
         raise typer.Exit(INTERRUPTED)
@@ -98,11 +104,13 @@ def run_in_space(request: SpaceRequest, folder: Path) -> None:
         refuse_unsound(unsound, request.runs)
 
 
-def _show(result: SpaceResult, metrics: list[Metrics], folder: Path, *, json: bool) -> None:
+def _show(result: SpaceResult, metrics: list[Metrics], folder: Path, unsound: int, *, json: bool) -> None:
     from ..space.evaluation import shown
+    from ..space.verdict import in_one_line, is_believable
 
     if json:
         facts = {"log": result.log_name, "results": str(folder), "interrupted": result.interrupted}
+        facts |= {"believable": is_believable(result)}
         facts |= {"warnings": result.warnings, "metrics": metrics[0]}
         print_json({**facts, "runs": metrics} if len(metrics) > 1 else facts)
         return
@@ -113,6 +121,10 @@ def _show(result: SpaceResult, metrics: list[Metrics], folder: Path, *, json: bo
         console.print(_summary(result.log_name, metrics))
     for warning in result.warnings:
         stderr().print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
+    if len(metrics) == 1:
+        say_verdict(in_one_line(result))
+    else:
+        say_verdict(in_one_line_of_runs(len(metrics), unsound))
     console.print(f"results: {folder}", soft_wrap=True, highlight=False, markup=False)
 
 

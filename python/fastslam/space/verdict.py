@@ -80,6 +80,25 @@ def is_unsound(result: SpaceResult) -> bool:
     return any(sentence.startswith((_LOST, _NO_LANDMARK)) for sentence in result.warnings)
 
 
+def in_one_line(result: SpaceResult) -> str:
+    """Whether the run is to be believed, in a few words that are never missing."""
+    if is_unsound(result):
+        return "not believable: see the warnings"
+    if result.interrupted:
+        return "undecided: the run was stopped early"
+    warnings = len(result.warnings)
+    if warnings:
+        return f"believable, with {warnings:,} warning{'s' * (warnings > 1)}"
+    return "believable: no check speaks against the run"
+
+
+def is_believable(result: SpaceResult) -> bool | None:
+    """Whether map and path are to be believed; None where the run was stopped before anybody can tell."""
+    if is_unsound(result):
+        return False
+    return None if result.interrupted else True
+
+
 def _skipped(result: SpaceResult) -> list[str]:
     total = sum(result.counts.values())
     if not total:
