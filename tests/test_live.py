@@ -224,7 +224,7 @@ def test_what_steps_warn_of_is_said_once() -> None:
         program(*options), input="\n".join(told), capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 0
-    warning, ending = done.stderr.splitlines()
-    assert ending.startswith("health at the end: ")
+    warning, health, verdict = done.stderr.splitlines()
+    assert health.startswith("health at the end: ") and verdict.startswith("verdict: nothing speaks against")
     assert warning.startswith("warning: at ") and "s: no sighting was used for 3." in warning
     assert "without the identity that all should have" in warning

@@ -22,7 +22,7 @@ from .run import MapOut, NoReport, prepare_folder
 from .watch import DEFAULT_PORT, Watching, WatchPort, watched
 
 if TYPE_CHECKING:
-    from ..live import Session
+    from ..live import Estimate, Session
     from ..robot import Robot
     from ..watching import Watcher
 
@@ -164,13 +164,15 @@ def live_stream(
                 _pump(session, lines, watcher)
         except KeyboardInterrupt:
             interrupted = True
-        _finish(session, checkpoint)
+        last = _finish(session, checkpoint)
         if watcher is not None and robot.last_step is not None:
             watcher.show(robot.view(robot.last_step))
     if map_out is not None:
         _write_map(session, map_out)
     if folder is not None:
         _write_results(session, folder, report=not no_report)
+    elif last is not None:
+        _say_verdict(last)
     if interrupted:
         stderr().print("interrupted: the state was kept" if checkpoint else "interrupted")
         raise typer.Exit(INTERRUPTED)
@@ -207,16 +209,16 @@ def _warn(session: Session, kinds: set[str]) -> None:
             stderr().print(at, markup=False, highlight=False, soft_wrap=True)
 
 
-def _finish(session: Session, checkpoint: Path | None) -> None:
-    """Keeps the state, then the last estimate; what was refused is said."""
+def _finish(session: Session, checkpoint: Path | None) -> Estimate | None:
+    """Keeps the state, then the last estimate, which is returned; what was refused is said."""
     if checkpoint is not None:
         session.robot.save(checkpoint)
     last = session.end()
     if last is not None:
         _write(last.to_line())
-    _say_lateness(session.robot)
         why = f" ({', '.join(name.replace('_', ' ') for name in last.why)})" if last.why else ""
         stderr().print(f"health at the end: {last.health}{why}", markup=False, highlight=False)
+    _say_lateness(session.robot)
     refused = {key: count for key, count in session.robot.counts.items() if count and key != "waiting"}
     if session.faults.count:
         refused["lines that are no events"] = session.faults.count
@@ -225,6 +227,16 @@ def _finish(session: Session, checkpoint: Path | None) -> None:
     if refused:
         what = ", ".join(f"{count:,} {key}" for key, count in refused.items())
         stderr().print(f"passed over in all: {what}", markup=False, highlight=False, soft_wrap=True)
+    return last
+
+
+def _say_verdict(last: Estimate) -> None:
+    """What speaks against a drive of which no log was kept."""
+    for sentence in last.verdict:
+        stderr().print(f"warning: {sentence}", markup=False, highlight=False, soft_wrap=True)
+    found = "not believable" if last.verdict else "nothing speaks against the drive"
+    line = f"verdict: {found}, of what can be told without a log (--out)"
+    stderr().print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def _say_lateness(robot: Robot) -> None:
