@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import fastslam
@@ -12,6 +13,7 @@ from fastslam.contradictions import TwoPlaces, share_misnamed, that_contradict_t
 from fastslam.log import Log
 from fastslam.result import RunResult
 from fastslam.simulation import presets, simulate
+from fastslam.trust import Doubt
 
 SEEN_OFTEN = 20
 
@@ -27,9 +29,9 @@ def run(
     doubted: list[TwoPlaces] = []
     judge = runner.judged
 
-    def judged(result: RunResult, log: Log, two_places: list[TwoPlaces]) -> RunResult:
+    def judged(result: RunResult, log: Log, two_places: list[TwoPlaces], more: Iterable[Doubt]) -> RunResult:
         doubted.extend(two_places)
-        return judge(result, log, two_places)
+        return judge(result, log, two_places, more)
 
     monkeypatch.setattr(runner, "judged", judged)
     settings = {"seed": seed, "association": {"mode": "known"}}
