@@ -15,6 +15,7 @@ from fastslam.config import merge
 from fastslam.errors import ConfigError, DataError
 from fastslam.health import status_name
 from fastslam.robot import Step, Window
+from fastslam.so_far import SoFar
 from small_log import LANDMARKS_M, events, make_small_log, tell
 
 CONFIG = {"filter": {"particles": 20}, "seed": 3}
@@ -171,6 +172,30 @@ def test_the_verdict_so_far_is_told_on_the_way_and_kept_in_a_file(mistake: str) 
     assert any(expected in " ".join(verdict) for verdict in told[:-5]), "before the end"
     robot.end()
     assert robot.verdict and any(expected in sentence for sentence in robot.verdict)
+
+
+def test_who_asks_at_each_step_is_told_a_verdict_that_is_made_once_a_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    log = make_small_log(steps=400)
+    made: list[tuple[str, ...]] = []
+    ask = SoFar.verdict
+
+    def counted(self: SoFar, *given: Any) -> tuple[str, ...]:
+        made.append(ask(self, *given))
+        return made[-1]
+
+    monkeypatch.setattr(SoFar, "verdict", counted)
+    robot = Robot(merge(log.config, CONFIG, {"sensor": {"max_range_m": 4.0}}), identities="all")
+    asked = 0
+    for row in sorted(events(log)):
+        for step in tell(robot, log, row):
+            assert robot.view(step).verdict == robot.recent_verdict == made[-1]
+            asked += 1
+    seconds = float(log.controls.stamp_s[-1] - log.controls.stamp_s[0])
+    assert 1 < len(made) <= seconds + 1.0 < asked and made[0] == ()
+    robot.end()
+    assert robot.recent_verdict == robot.verdict != (), "what was told before the end does not stand"
 
 
 def test_the_verdict_so_far_says_what_a_run_says_of_what_was_dropped() -> None:

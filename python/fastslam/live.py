@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 SEARCHING = "searching"
 """Health of a robot that is searched for in its map."""
 LEAST_PROBABILITY = 1e-3
-VERDICT_S = 1.0
-"""The verdict is asked for anew after so long, in time of the stamps."""
 MOST_MODES = 20
 """Places that are less likely, or more of them, are not told."""
 KEYS = {"odom": ("cov",), "see": ("sensor",), "scan": ("echo",)}
@@ -51,7 +49,7 @@ class Estimate:
     gone: tuple[str, ...]
     modes: tuple[Mode, ...] = ()
     verdict: tuple[str, ...] = ()
-    """What speaks against the drive so far: `Robot.verdict`, at most `VERDICT_S` old."""
+    """What speaks against the drive so far: `Robot.recent_verdict`."""
 
     def to_line(self) -> str:
         """One JSON object, as `fastslam live` writes it."""
@@ -104,8 +102,6 @@ class Session:
     step: Step | None = None
     told_s: float = -math.inf
     told: dict[str, tuple[float, float]] = field(default_factory=dict)
-    verdict: tuple[str, ...] = ()
-    verdict_s: float = -math.inf
 
     def take(self, line: str) -> Estimate | None:
         """Takes a line; the estimate where one is due, in time of the stamps.
@@ -131,7 +127,6 @@ class Session:
     def end(self) -> Estimate | None:
         """The last estimate, when nothing more comes; none where nothing was computed."""
         steps = self.robot.end()
-        self.verdict_s = -math.inf
         if steps:
             self.step = steps[-1]
         known = self.step is not None or (self.robot.searching and self.robot.stamp_s is not None)
@@ -144,8 +139,6 @@ class Session:
         stamp_s, mean, covariance = self.robot.pose
         changed, gone = self._map_changes(self.robot.landmarks)
         self.told_s = stamp_s
-        if not self.verdict_s <= stamp_s < self.verdict_s + VERDICT_S:
-            self.verdict, self.verdict_s = self.robot.verdict, stamp_s
         info = None if self.step is None else self.step.info
         return Estimate(
             stamp_s=stamp_s,
@@ -155,7 +148,7 @@ class Session:
             why=() if info is None else info.health_reasons,
             changed=tuple(changed),
             gone=gone,
-            verdict=self.verdict,
+            verdict=self.robot.recent_verdict,
         )
 
     def _searching(self) -> Estimate:

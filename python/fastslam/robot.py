@@ -41,7 +41,8 @@ from .sensor_checks import begun
 from .sensors import Sensor, adapted, own_layer
 from .settings import Layer, Partial
 from .several import each_sensor, refuse_several, sensor_number
-from .so_far import SoFar
+from .so_far import ANEW_S, SoFar
+from .trust import KeptPlaces
 from .unused import Unused
 from .window import Step as Step
 from .window import Window as Window
@@ -106,6 +107,10 @@ class Robot:
     _scanner: tuple[str, str] | None
     """Settings of the detector, and the geometry of the beams."""
     _late_draws: str
+    _kept_places: KeptPlaces | None
+    """What a verdict asks of the map that it is in."""
+    _recent: tuple[float, tuple[str, ...]] | None
+    """The verdict that was told last, and when."""
     _kept: list[Row] | None = None
     """Rows for a result, where somebody wants one."""
     _refused: dict[str, int]
@@ -150,7 +155,7 @@ class Robot:
             _, names = chart.identities(())
             classes = tuple(dict.fromkeys((*classes, *chart.landmarks.class_names)))
         self._begin(self._fresh_stream(), names=names, classes=classes)
-        self._chart, self._keep = chart, keep
+        self._be_in(chart, keep=keep)
         is_told = start is not None or "initial_pose" in merge(config or {})
         if isinstance(start, Anywhere) or (chart is not None and scanner is None and not is_told):
             self._begin_search()
@@ -170,6 +175,11 @@ class Robot:
     def _tell_late_draws(self, stream: _core.Stream) -> None:
         if self._late_draws == "put_off":
             stream.put_off_late_draws()
+
+    def _be_in(self, chart: Map | None, *, keep: bool) -> None:
+        """In this map from here on; what a verdict asks of it is made now, not while it drives."""
+        self._chart, self._keep = chart, keep
+        self._kept_places = None if chart is None else KeptPlaces.of(chart, self.config)
 
     def _begin_in_map(self, start: StartLike) -> None:
         columns: _core._MapColumns | None = None
@@ -195,6 +205,7 @@ class Robot:
         self._index_of = {name: index for index, name in enumerate(names)}
         self._index_of_class = {name: index for index, name in enumerate(classes)}
         self._chart, self._keep = None, False
+        self._kept_places, self._recent = None, None
         self._search = None
         self._step = None
         self._lost = Lost()
@@ -289,7 +300,7 @@ class Robot:
                 self._stream.end()
             steps = (*found, *self._computed())
             self._stream.finish()
-            self._ended = True
+            self._ended, self._recent = True, None
             return () if self.searching else steps
 
     def keep_result(self) -> None:
@@ -397,9 +408,13 @@ class Robot:
         with self._lock:
             self._check_found()
             chart = self._chart
-            if chart is None:
-                return None
-            return changes(self.landmarks, chart, self._stream.map(), self.config)
+            return None if chart is None else self._changed(chart)[1]
+
+    def _changed(self, chart: Map) -> tuple[LandmarkMap, Changes]:
+        """The map, and what of it is otherwise than the one that was kept."""
+        columns = self._stream.map()
+        landmarks = landmark_map(columns, *self._names())
+        return landmarks, changes(landmarks, chart, columns, self.config)
 
     @property
     def verdict(self) -> tuple[str, ...]:
@@ -414,10 +429,20 @@ class Robot:
         with self._lock:
             if self._search is not None:
                 return ()
-            kept, changes = None, self.changes
-            if self._chart is not None and changes is not None:
-                kept = (self.landmarks, self._chart, changes)
+            kept = None
+            if self._chart is not None:
+                landmarks, found = self._changed(self._chart)
+                kept = (landmarks, self._kept_places, found)
             return self._so_far.verdict(self._stream.so_far(), self.config, kept)
+
+    @property
+    def recent_verdict(self) -> tuple[str, ...]:
+        """`verdict`, at most a second of the stamps old: for what asks at each step."""
+        with self._lock:
+            stamp_s = 0.0 if self._step is None else self._step.stamp_s
+            if self._recent is None or not self._recent[0] <= stamp_s < self._recent[0] + ANEW_S:
+                self._recent = (stamp_s, self.verdict)
+            return self._recent[1]
 
     def view(self, step: Step) -> View:
         """What a page that watches draws: what is known now, with the last step that was computed."""
@@ -426,7 +451,7 @@ class Robot:
         with self._lock:
             fields = (step.stamp_s, step.T_world_robot, step.covariance, step.info)
             view = view_of(self._stream.view(), self._names(), fields)
-            return replace(view, verdict=self.verdict)
+            return replace(view, verdict=self.recent_verdict)
 
     @property
     def path(self) -> Trajectory:
@@ -530,8 +555,8 @@ class Robot:
         if "chart" in kept:
             from .searching import chart_of_json, search_of_json
 
-            self._chart, self._keep = chart_of_json(kept["chart"]), kept.get("keep", False)
-            if "search" in kept:
+            self._be_in(chart_of_json(kept["chart"]), keep=kept.get("keep", False))
+            if "search" in kept and self._chart is not None:
                 self._search = search_of_json(kept["search"], self._chart, self.config)
 
     def _names(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
@@ -588,7 +613,7 @@ class Robot:
             if name != "waiting":
                 self._refused[name] = self._refused.get(name, 0) + count
         self._stream, self._step, self._lost = self._fresh_stream(), None, Lost()
-        self._unused, self._so_far = Unused(), SoFar()
+        self._unused, self._so_far, self._recent = Unused(), SoFar(), None
 
     def _computed(self) -> tuple[Step, ...]:
         """The steps that the rows so far allow."""

@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 from .several import config_as_of_one
 from .trust import against, of_innovations, of_kept_map, of_lost_steps
-from .verdict import dropped_sentences, not_found_sentence, nothing_mapped, nothing_matched
+from .verdict import MOSTLY, dropped_sentences, not_found_sentence, nothing_mapped, nothing_matched
 
 if TYPE_CHECKING:
-    from .maps import Changes, Map
+    from .maps import Changes
     from .result import LandmarkMap
+    from .trust import KeptPlaces
     from .window import Step
 
+ANEW_S = 1.0
+"""What asks at each step is told again what it was told, for so long in time of the stamps."""
 LEAST_SIGHTINGS = 100
 """Before so many sightings nothing is said: at the start every landmark is a new one."""
-MOST_UNUSED = 0.5
-"""Where more of the sightings were left out, the cause is told already and all else follows from it."""
 
 
 @dataclass
@@ -52,7 +53,7 @@ class SoFar:
         self,
         found: Mapping[str, Any],
         config: Mapping[str, Any],
-        kept: tuple[LandmarkMap, Map, Changes] | None = None,
+        kept: tuple[LandmarkMap, KeptPlaces | None, Changes] | None = None,
     ) -> tuple[str, ...]:
         """What speaks against the drive; `found` is what the core counts, `kept` is of a kept map."""
         total = self.sightings + self.skipped
@@ -62,7 +63,7 @@ class SoFar:
         dropped = tuple(dropped_sentences(found["skipped"], total, config["sensor"]))
         missing = not_found_sentence(found["skipped"], config)
         said = [*dropped, *self._of_map(config, explained=bool(dropped)), *filter(None, [missing])]
-        if self.sightings >= MOST_UNUSED * total:
+        if self.sightings >= MOSTLY * total:
             said += self._doubts(found, config, kept)
         return tuple(said)
 
@@ -76,13 +77,13 @@ class SoFar:
         self,
         found: Mapping[str, Any],
         config: Mapping[str, Any],
-        kept: tuple[LandmarkMap, Map, Changes] | None,
+        kept: tuple[LandmarkMap, KeptPlaces | None, Changes] | None,
     ) -> tuple[str, ...]:
         doubts = [*of_innovations(found["noise"], config)]
         if self.judged:
             doubts.append(of_lost_steps(self.lost / self.judged, in_kept_map=kept is not None))
         if kept is not None:
-            doubts += of_kept_map(*kept, config)
+            doubts += of_kept_map(*kept)
         return against(sorted(doubts, key=lambda doubt: -doubt.ratio))
 
     def to_json(self) -> dict[str, int] | None:

@@ -142,25 +142,36 @@ def lost_for_good(result: RunResult, laid: Laid | None) -> Bools:
 
 def _of_kept_map(result: RunResult) -> Iterator[Doubt]:
     if result.chart is not None and result.changes is not None:
-        yield from of_kept_map(result.landmarks, result.chart, result.changes, result.config)
+        places = KeptPlaces.of(result.chart, result.config)
+        yield from of_kept_map(result.landmarks, places, result.changes)
 
 
-def of_kept_map(
-    landmarks: LandmarkMap, chart: Map, changes: Changes, config: Mapping[str, Any]
-) -> Iterator[Doubt]:
+@dataclass(frozen=True)
+class KeptPlaces:
+    """Where the landmarks of a kept map stand: what is nearer to one than `near_m` stands among them."""
+
+    tree: Any
+    near_m: float
+
+    @classmethod
+    def of(cls, chart: Map, config: Mapping[str, Any]) -> KeptPlaces | None:
+        """None for a map of few landmarks, and with names, which say themselves what is in the map."""
+        kept_m = chart.landmarks.mean_m
+        if config["association"]["mode"] == "known" or len(kept_m) <= NEIGHBOURS:
+            return None
+        from scipy.spatial import cKDTree
+
+        tree = cKDTree(kept_m)
+        return cls(tree, float(np.median(tree.query(kept_m, k=NEIGHBOURS + 1)[0][:, -1])))
+
+
+def of_kept_map(landmarks: LandmarkMap, places: KeptPlaces | None, changes: Changes) -> Iterator[Doubt]:
     """What it says of a robot in a kept map that landmarks among those of the map are none of it."""
-    if config["association"]["mode"] == "known":
-        return
-    from scipy.spatial import cKDTree
-
-    kept_m = chart.landmarks.mean_m
-    if len(kept_m) <= NEIGHBOURS:
+    if places is None:
         return
     names = set(changes.new)
     new = [row for row, name in enumerate(landmarks.ids) if name in names]
-    tree = cKDTree(kept_m)
-    near_m = float(np.median(tree.query(kept_m, k=NEIGHBOURS + 1)[0][:, -1]))
-    among = int((tree.query(landmarks.mean_m[new])[0] < near_m).sum())
+    among = int((places.tree.query(landmarks.mean_m[new])[0] < places.near_m).sum())
     seen = among + changes.sighted
     sentence = (
         f"{among:,} landmarks that stand among those of the kept map are none of it, and "

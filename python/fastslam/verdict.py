@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,6 +29,18 @@ UNITS = {"feet": 0.3048, "centimetres": 1e-2, "millimetres": 1e-3}
 """What ranges may be in by mistake, in metres; the largest that fits is asked about."""
 
 
+class Outcome(Protocol):
+    """What of a run says how it ended, in any number of dimensions."""
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether it was stopped before its log ended."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What else there is to look at."""
+
+
 def warnings_of(result: RunResult) -> tuple[str, ...]:
     """Everything that speaks against a run, a sentence each: verdict, noise, health."""
     return (*result.verdict, *result.warnings)
@@ -43,20 +55,23 @@ def is_believable(result: RunResult) -> bool | None:
 
 def in_one_line(result: RunResult) -> str:
     """Whether the run is to be believed, in a few words that are never missing."""
-    believable, warnings = is_believable(result), len(result.warnings)
+    count = len(result.verdict)
+    checks = "1 check speaks" if count == 1 else f"{count:,} checks speak"
+    return said_of(is_believable(result), f"{checks} against map or path", result)
+
+
+def said_of(believable: bool | None, against: str, run: Outcome) -> str:
+    """The line for a run that is believable, is not (`against` says why), or that nobody can tell of."""
     if believable is False:
-        return f"not believable: {_checks(len(result.verdict))} against map or path"
-    if result.interrupted:
+        return f"not believable: {against}"
+    if run.interrupted:
         return "undecided: the run was stopped early"
     if believable is None:
         return "undecided: too little was seen again to judge the run"
+    warnings = len(run.warnings)
     if warnings:
         return f"believable, with {warnings:,} warning{'s' * (warnings > 1)}"
     return "believable: no check speaks against the run"
-
-
-def _checks(count: int) -> str:
-    return "1 check speaks" if count == 1 else f"{count:,} checks speak"
 
 
 def judged(

@@ -13,7 +13,7 @@ from ..errors import DataError
 from .console import make_table, progress_bar, stderr, stdout
 from .encoding import print_json
 from .options import Format, Json, Robot, Run
-from .output import metrics_table, read_log_reference, say_verdict, summary_table
+from .output import in_one_line_of_runs, metrics_table, read_log_reference, say_verdict, summary_table
 from .simulate import SETTINGS_FILE
 from .space import evaluate_in_space, in_space, refuse
 
@@ -80,6 +80,7 @@ def evaluate_results(
         say_verdict(in_one_line(read[0]))
     else:
         stdout().print(summary_table(f"{len(results)} results", metrics))
+        say_verdict(in_one_line_of_runs(len(read), sum(bool(result.verdict) for result in read)))
 
 
 def _several(folders: Sequence[Path], metrics: Sequence[Metrics]) -> dict[str, Any]:

@@ -72,9 +72,9 @@ def say_verdict(line: str) -> None:
 
 
 def in_one_line_of_runs(runs: int, unsound: int) -> str:
-    """Whether all of several runs are to be believed, against `unsound` of which there is a verdict."""
+    """What speaks against several runs, `unsound` of which have a verdict; some may be too short for one."""
     if not unsound:
-        return f"believable: no check speaks against any of {runs:,} runs"
+        return f"no check speaks against any of {runs:,} runs"
     return f"not all believable: checks speak against {unsound:,} of {runs:,} runs"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..verdict import said_of
 from .log import SpaceLog
 from .result import SpaceResult
 
@@ -82,14 +83,7 @@ def is_unsound(result: SpaceResult) -> bool:
 
 def in_one_line(result: SpaceResult) -> str:
     """Whether the run is to be believed, in a few words that are never missing."""
-    if is_unsound(result):
-        return "not believable: see the warnings"
-    if result.interrupted:
-        return "undecided: the run was stopped early"
-    warnings = len(result.warnings)
-    if warnings:
-        return f"believable, with {warnings:,} warning{'s' * (warnings > 1)}"
-    return "believable: no check speaks against the run"
+    return said_of(is_believable(result), "see the warnings", result)
 
 
 def is_believable(result: SpaceResult) -> bool | None:
