@@ -12,7 +12,14 @@ import pytest
 from fastslam import FastSlam
 from fastslam.config import merge
 from fastslam.log import Log
-from fastslam.noise import ASK_FIRST, after_findings, after_losing, noise_sentences
+from fastslam.noise import (
+    ASK_FIRST,
+    MAP_FIRST,
+    after_findings,
+    after_learning,
+    after_verdict,
+    noise_sentences,
+)
 from fastslam.runner import configure
 from fastslam.simulation import resolve_simulation, simulate
 
@@ -39,14 +46,36 @@ def test_advice_on_noise_waits_for_what_was_found_in_the_log() -> None:
     assert after_findings((ADVICE,), [note]) == (ADVICE,)
     assert after_findings((), [mirrored]) == ()
     # Too small a noise loses a filter too: the advice stays, with what comes first, once.
-    lost = after_losing((ADVICE,), ("the filter was lost in 100% of its steps",))
+    lost = after_verdict((ADVICE,), ("the filter was lost in 100% of its steps",))
     assert lost == after_findings(lost, [note]) == (f"{ADVICE}; {ASK_FIRST}",)
-    assert after_losing((ADVICE,), ()) == (ADVICE,)
+    assert after_verdict((ADVICE,), ()) == (ADVICE,)
 
 
 def test_innovations_that_blame_nothing_name_the_next_step() -> None:
     found = {"what": None, "keys": (), "std_factor": 0.7, "power": 1.0, "nis": 1.0, "nis_band": (1.7, 2.3)}
     assert "run LOG --auto" in noise_sentences([found], {})[0]
+    for where in ({"algorithm": "ekf"}, {"sensor": {"model": "range"}}, {"sensors": {"left": {}}}):
+        (plain,) = noise_sentences([found], where)
+        assert "to blame" in plain and "--auto" not in plain, "nothing can be learned there"
+    assert "--auto" not in noise_sentences([found], {}, kept_map=True)[0]
+    (asked,) = after_learning(noise_sentences([found], {}))
+    assert "--auto" not in asked and "left it open" in asked, "what was just done is not advised"
+
+
+NARROWER = (
+    "the odometry's turn is off 0.5 times as much (NIS 0.9, band 1.8-2.2): lower motion.alpha1 to 0.005"
+)
+
+
+def test_no_narrower_noise_is_advised_for_a_doubted_map_or_below_what_the_log_said() -> None:
+    twice = "40 of 193 landmarks stand among others as earlier ones do a little further on"
+    assert after_verdict((NARROWER, ADVICE), (twice,)) == (ADVICE, MAP_FIRST)
+    assert after_verdict((NARROWER,), ()) == (NARROWER,)
+    assert after_learning((NARROWER, ADVICE, "a checkpoint failed")) == (ADVICE, "a checkpoint failed")
+    unnamed = {"motion": {"speed_std_m_per_s": 0.4}, "association": {"mode": "unknown"}}
+    narrow = {"what": "speed", "keys": ["motion.speed_std_m_per_s"], "std_factor": 0.5, "power": 1.0}
+    (said,) = noise_sentences([{**narrow, "nis": 1.0, "nis_band": (1.7, 2.3)}], unnamed)
+    assert "lower motion.speed_std_m_per_s to about 0.2" in said and "add up over a loop" in said
 
 
 @pytest.mark.slow(but="fastslam2-unknown")

@@ -16,6 +16,7 @@ from .detection import own_settings
 from .errors import DataError, FastSlamError
 from .log import Log
 from .maps import Map, StartLike
+from .noise import after_learning
 from .result import RunResult
 from .runner import Progress, configure, detected
 from .runner import run as run_once
@@ -71,8 +72,12 @@ class Learning:
         return replace(
             result,
             verdict=(*self.verdict, *result.verdict),
-            warnings=(*self.warnings, *result.warnings),
+            warnings=(*self.warnings, *self.after(result.warnings)),
         )
+
+    def after(self, warnings: tuple[str, ...]) -> tuple[str, ...]:
+        """The warnings of a run without advice that learning has outdone."""
+        return warnings if self.found is None else after_learning(warnings)
 
 
 def unstated_noise(log: Log, config: Layer | None = None) -> tuple[str, ...]:
@@ -219,7 +224,7 @@ def in_place_of(result: RunResult, found: Tuning) -> RunResult:
         f"with the settings as they are the map is doubted ({result.verdict[0].split(':')[0]}): kept is a "
         f"run with what the log itself says, against whose map nothing speaks: {', '.join([*told, 'noise'])}"
     )
-    return replace(found.result, warnings=(word, *found.conflicts, *found.result.warnings))
+    return replace(found.result, warnings=(word, *found.conflicts, *after_learning(found.result.warnings)))
 
 
 def _states_noise(section: Mapping[str, Any]) -> bool:

@@ -15,6 +15,12 @@ from .trust import WAS_LOST
 ASK_FIRST = "but a lost filter has other reasons too: `fastslam info LOG` and `fastslam doctor LOG` first"
 _MARK = "(NIS "
 """What all sentences on noise have, and no others."""
+ADDS_UP = "unless loops close only so: errors of odometry that add up over a loop show in no scan"
+ASK_THE_LOG = "`fastslam run LOG --auto`, or `fastslam.tuning.tune` in Python, finds out"
+ASKED = "learning from the log has left it open"
+MAP_FIRST = "how small the noise is can be told only of a right map: what speaks against this one comes first"
+_LOWERS = "): lower "
+"""What all sentences have that advise a narrower noise, and no others."""
 SMALLEST_SAID = 0.1
 """A factor below this is said to be below it: the log hardly tells what is right."""
 
@@ -48,19 +54,29 @@ def noise_sentences(
     sightings: Sightings | None = None,
     *,
     detected: bool = False,
+    kept_map: bool = False,
 ) -> tuple[str, ...]:
     """One sentence for each warning of the core, with the values to set in place of those of `config`.
 
-    Where all `sightings` have covariances of their own, as those `detected` in scans have, the noise of
-    `sensor` counts for nothing, and the sentence speaks of these covariances.
+    To learn from the log is advised where that can be done: not of a robot in a `kept_map`. Where all
+    `sightings` have covariances of their own, as those `detected` in scans have, the noise of `sensor` counts
+    for nothing, and the sentence speaks of these covariances.
     """
+    asks = not kept_map and _is_learnable(config)
     own = sightings is not None and _all_have_their_own(sightings)
     return tuple(
         _of_covariances(warning, detected=detected)
         if own and _is_of_sensor(warning)
-        else _sentence(warning, config)
+        else _sentence(warning, config, asks=asks)
         for warning in warnings
     )
+
+
+def _is_learnable(config: Mapping[str, Any]) -> bool:
+    """Whether `tune` knows algorithm and sensor of these settings (as `automatic.is_learnable`)."""
+    sensor = config.get("sensor", {}).get("model", "range_bearing")
+    plain = config.get("algorithm") != "ekf" and not config.get("sensors")
+    return bool(plain and sensor == "range_bearing")
 
 
 def _all_have_their_own(sightings: Sightings) -> bool:
@@ -89,11 +105,32 @@ def _of_covariances(warning: Mapping[str, Any], *, detected: bool) -> str:
     )
 
 
-def after_losing(warnings: Iterable[str], verdict: Iterable[str]) -> tuple[str, ...]:
-    """Advice on noise where the filter was lost, which has other reasons too: with what comes first."""
-    if not any(sentence.startswith(WAS_LOST) for sentence in verdict):
-        return tuple(warnings)
-    return tuple(f"{sentence}; {ASK_FIRST}" if _MARK in sentence else sentence for sentence in warnings)
+def after_verdict(warnings: Iterable[str], verdict: Iterable[str]) -> tuple[str, ...]:
+    """Advice on noise after what speaks against the run.
+
+    No narrower noise is advised for a map that is doubted: it would be there twice all the more. Where the
+    filter was lost, which has other reasons too, what is left of the advice says what comes first.
+    """
+    told, against = tuple(warnings), tuple(verdict)
+    if not against:
+        return told
+    kept = tuple(sentence for sentence in told if _LOWERS not in sentence)
+    if any(sentence.startswith(WAS_LOST) for sentence in against):
+        kept = tuple(f"{sentence}; {ASK_FIRST}" if _MARK in sentence else sentence for sentence in kept)
+    return kept if len(kept) == len(told) else (*kept, MAP_FIRST)
+
+
+def after_learning(warnings: Iterable[str]) -> tuple[str, ...]:
+    """Advice on noise after the log was asked for it: not to ask it, and no narrower one than it said.
+
+    What sightings bring along is not learned: the advice on that stays.
+    """
+    chosen = (f"{_LOWERS}motion.", f"{_LOWERS}sensor.")
+    return tuple(
+        sentence.replace(ASK_THE_LOG, ASKED)
+        for sentence in warnings
+        if not any(advice in sentence for advice in chosen)
+    )
 
 
 def after_findings(warnings: Iterable[str], findings: Iterable[Mapping[str, str]]) -> tuple[str, ...]:
@@ -107,7 +144,7 @@ def after_findings(warnings: Iterable[str], findings: Iterable[Mapping[str, str]
     return (*others, f"what the noise is can be told only when this is put right: {said}")
 
 
-def _sentence(warning: Mapping[str, Any], config: Mapping[str, Any]) -> str:
+def _sentence(warning: Mapping[str, Any], config: Mapping[str, Any], *, asks: bool = False) -> str:
     factor: float = warning["std_factor"]
     low, high = warning["nis_band"]
     found = f"NIS {warning['nis']:.2f}, band {low:.2f}-{high:.2f}"
@@ -115,9 +152,8 @@ def _sentence(warning: Mapping[str, Any], config: Mapping[str, Any]) -> str:
     if what is None:
         return (
             f"innovations are {_times(factor)} as large as the noise settings say ({found}), and the log "
-            "does not tell whether `sensor` or `motion` is to blame: `fastslam run LOG --auto`, or "
-            "`fastslam.tuning.tune` in Python, finds out"
-        )
+            "does not tell whether `sensor` or `motion` is to blame"
+        ) + (f": {ASK_THE_LOG}" if asks else "")
     values = {key: value for key in keys if (value := _value(config, key)) is not None}
     named = " and ".join(values)
     direction = "raise" if factor > 1.0 else "lower"
@@ -130,7 +166,12 @@ def _sentence(warning: Mapping[str, Any], config: Mapping[str, Any]) -> str:
         subject = f"{what} innovations are {_times(factor)} as large as {named} {verb}"
         return f"{subject} ({found}): {direction} {advice}{unless}"
     subject = f"the odometry's {what} is off {_times(factor)} as much as {named} {verb}"
-    return f"{subject} ({found}): {direction} {advice}"
+    unless = f", {ADDS_UP}" if factor < 1.0 and _is_unnamed(config) else ""
+    return f"{subject} ({found}): {direction} {advice}{unless}"
+
+
+def _is_unnamed(config: Mapping[str, Any]) -> bool:
+    return bool(config.get("association", {}).get("mode") == "unknown")
 
 
 def _value(config: Mapping[str, Any], key: str) -> float | None:

@@ -23,7 +23,7 @@ from .filter import landmark_map, step_info
 from .log import Log
 from .maps import Map, StartLike, changes, core_start
 from .misplaced import Misplaced, doubts_of, misplaced, without_misplaced
-from .noise import Told, after_losing, noise_sentences
+from .noise import Told, after_verdict, noise_sentences
 from .residuals import Group, compared, residuals_of
 from .result import RunResult, Steps, Trajectory
 from .sensor_checks import begun
@@ -298,13 +298,19 @@ def result_of(
         | {"landmark_covariances_repaired": columns["covariances_repaired"]}
         | {"sightings_named_twice_in_a_scan": named_twice(log.sightings)}
         | left_out(config, columns["steps"]["ignored"]),
-        warnings=noise_sentences(columns["warnings"], config, log.sightings, detected=log.scans is not None),
+        warnings=noise_sentences(
+            columns["warnings"],
+            config,
+            log.sightings,
+            detected=log.scans is not None,
+            kept_map=given.chart is not None,
+        ),
         noise=columns["noise"],
         calibration=columns["calibration"],
     )
     result, found = _with_residuals(result, compared(result, log, own))
     result = judged(result, log, columns["two_places"], doubts_of(result, found))
-    return replace(result, warnings=after_losing(result.warnings, result.verdict))
+    return replace(result, warnings=after_verdict(result.warnings, result.verdict))
 
 
 def _with_residuals(result: RunResult, groups: tuple[Group, ...]) -> tuple[RunResult, Misplaced]:

@@ -212,6 +212,7 @@ def run_log(
         warnings = () if learning is None else learning.warnings
         against = () if learning is None else learning.verdict
         results = Results(folder, reference, not no_report, figures, findings, warnings, against)
+        results = replace(results, learned=learning is not None and learning.found is not None)
         if learning is not None and learning.found is not None and learning.found.interrupted:
             show(kept_run(learning.found.result, log, results), json=json)
         configuration = configure(log, *layers, {} if learning is None else learning.settings)
@@ -300,6 +301,8 @@ class Results:
     warnings: tuple[str, ...] = ()
     against: tuple[str, ...] = ()
     """What speaks against the run beside its own verdict."""
+    learned: bool = False
+    """Whether the log was asked for its noise."""
 
     @property
     def pictures(self) -> bool:
@@ -422,10 +425,11 @@ def kept_run(result: RunResult, log: Log, results: Results) -> Finished:
 
 def _with_findings(result: RunResult, results: Results) -> RunResult:
     """The result with what was found in its log, before which no advice on noise is given."""
-    from ..noise import after_findings
+    from ..noise import after_findings, after_learning
 
     told = tuple(finding.to_dict() for finding in results.findings)
-    warnings = after_findings(result.warnings, told)
+    advice = after_learning(result.warnings) if results.learned else result.warnings
+    warnings = after_findings(advice, told)
     said = replace(result, findings=told, verdict=(*results.against, *result.verdict))
     return replace(said, warnings=(*results.warnings, *warnings))
 
