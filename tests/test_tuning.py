@@ -6,6 +6,7 @@ import json
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import fastslam.verdict as verdict_module
 import numpy as np
@@ -48,10 +49,12 @@ from fastslam.tuning.motion import DISTANCE as DISTANCE_GAIN
 from fastslam.tuning.motion import links, motion_parameters, nested, noise_parts
 from fastslam.tuning.noise import _log_likelihood
 from fastslam.tuning.problem import DRAWS, Noise, Problem, Rows, linearised, moved_by
-from fastslam.tuning.session import _better, _is_clearer, _Session, _widen, _widen_at_once
+from fastslam.tuning.session import _better, _is_clearer, _Session, _widen, _widen_at_once, searched
 
 BIAS = "sensor.range_bias_m"
 TURN, DISTANCE, DELAY_S = 0.65, 1.06, 0.3
+REPORTS: list[list[dict[str, Any]]] = []
+"""What was reported while the fixture `found` was made."""
 UNKNOWN = {"association": {"mode": "unknown"}, "filter": {"particles": 15}}
 
 
@@ -81,7 +84,7 @@ def broken(sound: Log) -> Log:
 
 @pytest.fixture(scope="module")
 def found(broken: Log) -> Tuning:
-    return tune(broken, UNKNOWN)
+    return searched(broken, UNKNOWN, report=REPORTS.append)
 
 
 @pytest.mark.slow
@@ -199,6 +202,21 @@ def test_what_the_log_clearly_contradicts_is_said(broken: Log, found: Tuning) ->
     assert set(found.conflicts) <= set(Learning(found).warnings)
 
 
+def test_whoever_watches_hears_of_every_pass(found: Tuning) -> None:
+    names = [one.name for one in found.attempts]
+    running = [passes[-1] for passes in REPORTS if passes[-1]["state"] == "running"]
+    assert running[0]["name"].startswith("learning from") and running[0]["told"] == []
+    assert set(names) <= {one["name"] for one in running}
+    track = next(one for one in running if one["name"] == "from short tracks")
+    turn = next(line for line in track["told"] if line.startswith("motion.correction.turn_gain 0.6"))
+    assert " to " in turn and turn.endswith(", stated 1)")
+    assert any(line.startswith("sensor.range_std_m ") and line.endswith(" m") for line in track["told"])
+    last = REPORTS[-1]
+    assert [one["name"] for one in last] == names and json.dumps(last)
+    assert [one["name"] for one in last if one["state"] == "best"] == [found.best.name]
+    assert {one["state"] for one in last} <= {"best", "sound", "doubted", "ended"}
+
+
 def test_nothing_is_tried_twice(broken: Log, found: Tuning, monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[Hypothesis] = []
 
@@ -261,6 +279,7 @@ class Widths:
 
     made: dict[float, Judgement]
     attempts: list[Attempt] = field(default_factory=list)
+    named: bool = False
 
     def attempt_wide(self, learned: Learned, wider: float) -> Attempt:
         self.attempts.append(tried(f"{wider:g}", self.made[wider]))

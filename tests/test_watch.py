@@ -304,6 +304,22 @@ def test_views_come_no_oftener_than_they_may_cost() -> None:
     assert watcher(view)[1] == pytest.approx(view.stamp_s + 2.0 * watching.FRAME_PERIOD_S)
 
 
+def test_pages_hear_what_a_log_teaches() -> None:
+    watcher = Watcher("test", Config.resolve({}), kind="run")
+    _, version, state = watcher.news(-1, -1, wait_s=0.0)
+    assert "learning" not in state
+    passes = [{"name": "as stated", "state": "running", "landmarks": None, "nats": None, "told": []}]
+    watcher.show_learning(passes)
+    frames, later, state = watcher.news(-1, version, wait_s=5.0)
+    assert (frames, state["learning"]) == ([], passes) and later != version
+    ahead = {"sensor": {"mounting": {"x_m": 2.0}}}
+    view = all_views({"filter": {"particles": 20}})[1][-1]
+    watcher.configure(Config.resolve(ahead))
+    watcher.show(view)
+    shown = json.loads(watcher.news(-1, later, wait_s=0.0)[0][0][1])
+    assert shown["from"] != shown["pose"][:2], "drawn from where the sensor was found to stand"
+
+
 @pytest.mark.skipif("FASTSLAM_BROWSER" not in os.environ, reason="set FASTSLAM_BROWSER=chromium")
 def test_a_browser_draws_it(tmp_path: Path) -> None:
     watcher = Watcher("test", Config.resolve({}), kind="run")

@@ -26,6 +26,7 @@ from .several import sensor_names
 from .timing import stage
 from .tuning import Tuning
 from .tuning.judge import SOUND, judged
+from .tuning.passes import Report
 from .tuning.session import searched
 
 if TYPE_CHECKING:
@@ -107,11 +108,20 @@ def is_learnable(log: Log, config: Layer | None = None) -> bool:
     return bool(complete["sensor"]["model"] == "range_bearing")
 
 
-def learned_first(log: Log, config: Layer | None = None, *, progress: Progress | None = None) -> Learning:
-    """What the log says of its noise, or why it does not. Errors: `ConfigError` for the configuration."""
+def learned_first(
+    log: Log,
+    config: Layer | None = None,
+    *,
+    progress: Progress | None = None,
+    report: Report | None = None,
+) -> Learning:
+    """What the log says of its noise, or why it does not; `report` hears of every pass.
+
+    Errors: `ConfigError` for the configuration.
+    """
     try:
         with stage("tune"):
-            return Learning(searched(log, config, progress=progress))
+            return Learning(searched(log, config, progress=progress, report=report))
     except NUMERIC:
         return Learning(None, "its numbers, or those of the settings, are out of all proportion")
     except DataError as error:

@@ -165,8 +165,7 @@ class Watcher:
     """
 
     def __init__(self, name: str, config: Config, *, kind: Literal["run", "live"]) -> None:
-        mountings = [sensor["mounting"] for sensor in each_sensor(config)]
-        self._mountings = [(one["x_m"], one["y_m"], one["yaw_rad"]) for one in mountings]
+        self.configure(config)
         self.kind = kind
         self.scene = {"name": name, "kind": kind, "begun": time.time()}
         self._history = History()
@@ -178,7 +177,20 @@ class Watcher:
         self._due_s = -math.inf
         self._version = 0
         self._ended = False
+        self._learning: list[dict[str, Any]] = []
         self._changed = threading.Condition()
+
+    def configure(self, config: Config) -> None:
+        """The settings of what is shown from now on: where the sensors stand."""
+        mountings = [sensor["mounting"] for sensor in each_sensor(config)]
+        self._mountings = [(one["x_m"], one["y_m"], one["yaw_rad"]) for one in mountings]
+
+    def show_learning(self, passes: list[dict[str, Any]]) -> None:
+        """What a log is teaching before its run (`tuning.passes`), in the place of what was told before."""
+        with self._changed:
+            self._learning = passes
+            self._version += 1
+            self._changed.notify_all()
 
     def __call__(self, view: View) -> tuple[float, float]:
         """Shows a step of a run, and returns when it is time for the next: a `Watch`."""
@@ -242,7 +254,13 @@ class Watcher:
             self._changed.wait_for(
                 lambda: self._version != version or bool(self._history.after(number)), timeout=wait_s
             )
-            state = {"paused": self._pace.paused, "speed": self._pace.speed, "ended": self._ended}
+            state: dict[str, Any] = {
+                "paused": self._pace.paused,
+                "speed": self._pace.speed,
+                "ended": self._ended,
+            }
+            if self._learning:
+                state["learning"] = self._learning
             return self._history.after(number), self._version, state
 
     @property

@@ -206,9 +206,11 @@ def run_log(
         reference = LogReference(path, log.format, robot, run, topics)
         folder = at_end.enter_context(results_folder(out))
         log = detected(log)
+        port = watch_port if watch else None
+        watcher = at_end.enter_context(watched(log.name, configuration, port=port, kind="run"))
         # A run that leaves its state begins at once, so that it can be stopped at any time.
         wanted = False if auto is None and (resume or checkpoint_every is not None) else auto
-        learning = learned_into(folder, log, merge(*layers), wanted=wanted, quiet=json)
+        learning = learned_into(folder, log, merge(*layers), wanted=wanted, quiet=json, watcher=watcher)
         warnings = () if learning is None else learning.warnings
         against = () if learning is None else learning.verdict
         results = Results(folder, reference, not no_report, figures, findings, warnings, against)
@@ -216,22 +218,18 @@ def run_log(
         if learning is not None and learning.found is not None and learning.found.interrupted:
             show(kept_run(learning.found.result, log, results), json=json)
         configuration = configure(log, *layers, {} if learning is None else learning.settings)
+        if watcher is not None:
+            watcher.configure(configuration)
         checkpoints = _checkpoints(folder, checkpoint_every, resume=resume)
-        port = watch_port if watch else None
-        with watched(log.name, configuration, port=port, kind="run") as watcher:
-            by_need = best_of is None and runs == 1 and checkpoints is None
-            if by_need or (best_of or 1) > 1:
-                doubting = by_need and auto is None and learning is None and watcher is None
-                finished = run_tries(
-                    log, configuration, results, tries=best_of, watch=watcher, doubting=doubting
-                )
-            else:
-                finished = run_all(
-                    log, configuration, results, runs=runs, checkpoints=checkpoints, watch=watcher
-                )
-            if map_out is not None:
-                finished.result.map.save(map_out)
-            show(finished, json=json, strict=strict)
+        by_need = best_of is None and runs == 1 and checkpoints is None
+        if by_need or (best_of or 1) > 1:
+            doubting = by_need and auto is None and learning is None and watcher is None
+            finished = run_tries(log, configuration, results, tries=best_of, watch=watcher, doubting=doubting)
+        else:
+            finished = run_all(log, configuration, results, runs=runs, checkpoints=checkpoints, watch=watcher)
+        if map_out is not None:
+            finished.result.map.save(map_out)
+        show(finished, json=json, strict=strict)
 
 
 def _checkpoints(folder: Path, every_s: float | None, *, resume: bool) -> Checkpoints | None:

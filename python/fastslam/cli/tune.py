@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ..settings import Layer
     from ..tuning import Tuning
     from ..tuning.learn import Value
+    from ..watching import Watcher
 
 LEARNED_FILE = "learned.json"
 """What a run learned before it: values, intervals, evidence."""
@@ -75,11 +76,17 @@ def tune_log(
 
 
 def learned_into(
-    folder: Path, log: Log, layer: Layer, *, wanted: bool | None, quiet: bool
+    folder: Path,
+    log: Log,
+    layer: Layer,
+    *,
+    wanted: bool | None,
+    quiet: bool,
+    watcher: Watcher | None = None,
 ) -> Learning | None:
     """Tunes where that is `wanted`, or due where None, and leaves what was learned in a folder of results.
 
-    Errors: DataError where it was wanted and cannot be done.
+    A `watcher` shows how it goes on. Errors: DataError where it was wanted and cannot be done.
     """
     from ..automatic import is_learning_due, learned_first
     from ..resultfiles import to_json, write_atomically
@@ -87,7 +94,8 @@ def learned_into(
     if wanted is False or (wanted is None and not is_learning_due(log, layer)):
         return None
     with progress_bar(log.name) as advance:
-        learning = learned_first(log, layer, progress=advance)
+        report = None if watcher is None else watcher.show_learning
+        learning = learned_first(log, layer, progress=advance, report=report)
     found = learning.found
     if found is not None and found.interrupted:
         return learning

@@ -150,6 +150,8 @@ def links(controls: Controls, config: Mapping[str, Any], stamp_s: Floats) -> Lin
         both = known.key == DELAY
         down = moved(merge(config, nested(known.key, here - known.step))) if both else motion
         columns.append((up - down) / (2 * known.step if both else known.step))
-    density = np.column_stack([part.density for part in noise_parts(controls, config["motion"])])
+    every_row = here_twists[np.searchsorted(turning.stamp_s, controls.stamp_s, side="right") - 1]
+    parts = noise_parts(controls, config["motion"], every_row)
+    density = np.column_stack([part.density for part in parts])
     share = Between(controls, stamp_s - config["sensor"]["delay_s"]).gathered(density)
     return Links(motion, np.stack(columns, axis=2), share)

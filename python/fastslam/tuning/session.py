@@ -42,6 +42,7 @@ from .learn import (
     widened,
 )
 from .motion import DISTANCE, nested, noise_parts, value_of
+from .passes import Report, passes_of
 from .problem import Noise, Problem
 from .tracks import Scene, of_map, scene, short_tracks
 
@@ -57,6 +58,7 @@ LEAST_NATS = 10.0
 """So many nats settings must gain on the sightings that judge, or the simpler ones are kept."""
 MOST_RUNS = 7
 AS_STATED = "as stated"
+FOLLOWING = "learning from what is seen again"
 _NAMES = dict(zip(WIDER, ("wide", "wider", "widest"), strict=True))
 REPEATING = 1.5
 """From here on errors of neighbouring sightings are said to repeat."""
@@ -189,16 +191,18 @@ def searched(
     *,
     progress: Progress | None = None,
     stated: RunResult | None = None,
+    report: Report | None = None,
 ) -> Tuning:
     """As `tune`, but the best of all runs is the answer where none is sound; `best.fault` says why not.
 
-    `stated` is the run with the settings stated, where it is there already. A KeyboardInterrupt ends the
-    search with the best run until then, be it half a one, and is raised where there is none yet.
+    `stated` is the run with the settings stated, where it is there already; `report` hears of every pass. A
+    KeyboardInterrupt ends the search with the best run until then, be it half a one, and is raised where
+    there is none yet.
     """
     log = with_sightings(log, config)
     configuration = configure(log, config or {})
     refuse_ranges_alone(configuration, "tune")
-    session = _Session(log, configuration, config or {}, progress)
+    session = _Session(log, configuration, config or {}, progress, report)
     interrupted = False
     try:
         best = _search(session, stated)
@@ -224,14 +228,14 @@ def _search(session: _Session, stated: RunResult | None) -> Attempt:
         session.attempt_as_stated(stated)
     tracked = session.learned_from_tracks(session.begun())
     repeating = tracked.correlation > REPEATING
-    hopeless = repeating and not session.named
-    if hopeless:
+    at_once = repeating and not session.named
+    if at_once:
         _widen_at_once(session, tracked)
-    else:
+    elif not repeating:
         session.attempt("from short tracks", tracked.settings, tracked)
     if stated is None:
         session.attempt_as_stated()
-    if not hopeless and (repeating or not _better(session.attempts).is_sound):
+    if not at_once and (repeating or not _better(session.attempts).is_sound):
         _widen(session, tracked)
     best, teaches = _better(session.attempts), True
     while teaches and len(session.attempts) < MOST_RUNS and (best.fault is None or best.wider):
@@ -245,12 +249,16 @@ def _search(session: _Session, stated: RunResult | None) -> Attempt:
 
 
 def _widen(session: _Session, tracked: Learned) -> None:
-    """Runs under ever wider noise, until a wider one than that of a sound map is no better."""
+    """Runs under ever wider noise, until a wider one than that of a sound map is no better.
+
+    Where sightings have names, a sound map under wide noise is enough: nothing is founded anew that a wider
+    one would hold together.
+    """
     tracked = of_turns_and_delay(tracked)
     for wider in WIDER:
         latest = session.attempt_wide(tracked, wider)
         best = _better(session.attempts)
-        if best.is_sound and best is not latest:
+        if best.is_sound and (session.named or best is not latest):
             break
 
 
@@ -298,8 +306,16 @@ def _better(attempts: list[Attempt]) -> Attempt:
 class _Session:
     """A log under its stated settings, and the runs made over it so far."""
 
-    def __init__(self, log: Log, config: Config, layer: Layer, progress: Progress | None) -> None:
+    def __init__(
+        self,
+        log: Log,
+        config: Config,
+        layer: Layer,
+        progress: Progress | None,
+        report: Report | None = None,
+    ) -> None:
         self.log, self.config, self._layer, self._progress = log, config, layer, progress
+        self._report = report
         if len(log.sightings.stamp_s) == 0:
             raise DataError("the log has no sightings to learn from", log.source)
         self._stated = Stated(config, facts_in(merge(own_settings(log), layer)))
@@ -354,6 +370,7 @@ class _Session:
                 self._progress(number * total + done, MOST_RUNS * total)
 
         growth = self._growth()
+        self._tell((name, learned))
         result = run(self.log, merge(self._layer, settings), progress=advance, watch=growth)
         if growth is not None and growth.has_ended:
             judgement = ended(result, _better(self.attempts).judgement)
@@ -383,6 +400,12 @@ class _Session:
         judgement = judged(result, self.log, self._common, result.doubts)
         return Attempt(name, settings, learned, result, nats, judgement, wider)
 
+    def _tell(self, running: tuple[str, Learned | None] | None) -> None:
+        """Reports the passes, and the one that runs."""
+        if self._report is not None:
+            made = [attempt for attempt in self.attempts if not attempt.was_ended]
+            self._report(passes_of(self.attempts, _better(made) if made else None, running))
+
     def _growth(self) -> Growth | None:
         """What ends a run whose map grows beyond the best one's; None where nothing is a measure of it."""
         if not self.attempts:
@@ -399,12 +422,14 @@ class _Session:
         return begin
 
     def finish(self) -> None:
-        """Tells the progress that no more runs are made."""
+        """Tells the progress, and who watches, that no more runs are made."""
+        self._tell(None)
         if self._progress is not None:
             self._progress(1, 1)
 
     def learned_from_tracks(self, begin: Beginning) -> Learned:
         """Learns from what is followed from scan to scan by an odometry that it has put right before."""
+        self._tell((f"{FOLLOWING} from scan to scan", None))
         self._first = config = _begun(self.config, begin)
         config, rough = errors_of(self.log, config, *self._tracked(config), stated=self._stated)
         until = COARSE if rough.correlation > REPEATING and not self.named else SETTLED
@@ -450,6 +475,7 @@ class _Session:
     def learned_from_map(self, attempt: Attempt) -> Learned | None:
         """Learns from the map and the path of a run; None where its landmarks are seen too rarely."""
         config, result = merge(self.config, attempt.settings), attempt.result
+        self._tell((f"{FOLLOWING} in the map of the best run", None))
         seen, window = usable_sightings(self.log, self.until_s)
         landmarks = result.landmarks
         shown = self._scene(config, _path_at(result, seen.stamp_s - config["sensor"]["delay_s"]))
