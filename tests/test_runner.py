@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fastslam.datasets.clean import no_sightings
 from fastslam.errors import ConfigError, DataError
+from fastslam.log import Log
 from fastslam.opinion import best_of
 from fastslam.result import RunResult
 from fastslam.runner import configure, run, run_many
@@ -172,3 +173,54 @@ def test_the_logs_own_association_is_for_particles() -> None:
     assert ekf["method"] == "maximum_likelihood"
     with pytest.raises(ConfigError, match="method"):
         configure(log, {"algorithm": "ekf", "association": {"method": "sampled"}})
+
+
+def silent_on_reach(log: Log) -> Log:
+    """The log, saying no more how far its sensor sees."""
+    sensor = {key: value for key, value in log.config["sensor"].items() if key != "max_range_m"}
+    return replace(log, config={**log.config, "sensor": sensor})
+
+
+def test_how_far_the_sensor_sees_is_learned_where_nobody_says() -> None:
+    log = make_small_log()
+    silent = silent_on_reach(log)
+    farthest_m = float(log.sightings.range_m.max())
+    learned_m = configure(silent)["sensor"]["max_range_m"]
+    assert learned_m == pytest.approx(1.1 * farthest_m, rel=0.01) and learned_m > farthest_m
+    assert run(silent, FEW).config["sensor"]["max_range_m"] == learned_m
+    for told in ({"max_range_m": 100.0}, {"max_range_m": 3.0}):
+        assert configure(silent, {"sensor": told})["sensor"]["max_range_m"] == told["max_range_m"]
+    # As many metres as millimetres would be are no limit, and a few sightings tell none.
+    seen = silent.sightings
+    millimetres = replace(silent, sightings=replace(seen, range_m=1000.0 * seen.range_m))
+    few = replace(silent, sightings=no_sightings())
+    assert [configure(one)["sensor"]["max_range_m"] for one in (millimetres, few)] == [100.0, 100.0]
+
+
+def test_single_sightings_far_beyond_all_others_are_not_how_far_a_sensor_sees() -> None:
+    silent = silent_on_reach(make_small_log())
+    seen, usual_m = silent.sightings, configure(silent_on_reach(make_small_log()))["sensor"]["max_range_m"]
+
+    def learned_m(*changed: tuple[int, float]) -> float:
+        range_m = seen.range_m.copy()
+        for row, metres in changed:
+            range_m[row] = metres
+        log = replace(silent, sightings=replace(seen, range_m=range_m))
+        return float(configure(log)["sensor"]["max_range_m"])
+
+    rows, scans = len(seen.stamp_s), np.unique(seen.stamp_s, return_index=True)[1]
+    nearest = int(np.argmin(seen.range_m))
+    assert [learned_m((nearest, metres)) for metres in (60.0, 90.0, 500.0)] == [usual_m] * 3
+    assert learned_m((nearest, 40.0), ((nearest + rows // 2) % rows, 80.0)) == usual_m
+    # What is seen there again a scan later is a thing, and no sighting of it is left out.
+    beyond = [(int(scans[20]), 50.0), (int(scans[21]), 51.0)]
+    assert learned_m(*beyond) == pytest.approx(1.1 * 51.0)
+    assert learned_m(beyond[0], (beyond[0][0] + 1, 51.0)) == usual_m, "two of one scan are no second look"
+
+
+def test_what_vanished_is_noticed_though_no_limit_is_stated() -> None:
+    log = simulate(resolve_simulation({"seed": 1, "max_duration_s": 120.0}, preset="orchard"))
+    few = {"filter": {"particles": 20}, "association": {"mode": "unknown"}}
+    layers = (few, {**few, "sensor": {"max_range_m": 100.0}})
+    again = [run(silent_on_reach(log), layer).counts["landmarks_visited_again"] for layer in layers]
+    assert again[0] > 60 and again[1] < 20, "beyond the true limit nothing is in view for long"

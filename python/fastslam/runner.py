@@ -20,7 +20,7 @@ from .datasets.registry import load
 from .detection import own_settings, with_detector, with_sightings
 from .errors import ConfigError, DataError, ModelError, NumericalError
 from .filter import landmark_map, step_info
-from .log import Log
+from .log import Floats, Log
 from .maps import Map, StartLike, changes, core_start
 from .misplaced import Misplaced, doubts_of, misplaced, without_misplaced
 from .noise import Told, after_verdict, noise_sentences
@@ -29,7 +29,7 @@ from .result import RunResult, Steps, Trajectory
 from .sensor_checks import begun
 from .sensors import Adapter, Sensor, own_layer
 from .settings import Layer, Partial
-from .several import as_the_core_takes, left_out, refuse_several
+from .several import as_the_core_takes, left_out, refuse_several, sensor_names
 from .timing import stage
 from .verdict import judged, named_twice
 
@@ -44,10 +44,23 @@ EKF_ASSOCIATION = ("mode", "gate_probability", "new_landmark_gate_probability", 
 """What EKF-SLAM takes from a log's own settings of association; it refuses most others."""
 
 
+REACH_MARGIN = 1.1
+"""So many times as far as anything was sighted a sensor sees."""
+LEAST_SEEN = 50
+"""Fewer sightings do not tell how far a sensor sees."""
+FAR_SHARE, FAR_TIMES = 0.99, 2.0
+"""What is so many times as far as this share of the sightings is counted only if it was sighted again."""
+AGAIN_SCANS = 3
+"""In one of so many scans before or after, within REACH_MARGIN of its range,"""
+MOST_BETWEEN = 8
+"""and with fewer other sightings as far away between them."""
+
+
 def configure(log: Log, *layers: Layer) -> Config:
     """The effective configuration: `layers` over the log's own settings over the defaults.
 
-    A log's own settings of association are for particles: with `algorithm: ekf` only its gates count.
+    A log's own settings of association are for particles: with `algorithm: ekf` only its gates count. How far
+    the sensor sees is learned from the log where nothing states it (`reach_seen_m`).
 
     Errors: `ConfigError`; for the log's own settings the message names the log.
     """
@@ -57,8 +70,42 @@ def configure(log: Log, *layers: Layer) -> Config:
         kept = {key: value for key, value in own["association"].items() if key in EKF_ASSOCIATION}
         own = {**own, "association": kept}
     complete = Config.resolve(own, *layers)
+    if not sensor_names(complete) and "max_range_m" not in merge(own, *layers).get("sensor", {}):
+        complete = Config.resolve(complete, {"sensor": {"max_range_m": reach_seen_m(log, complete)}})
     with_detector(log, complete)
     return complete
+
+
+def reach_seen_m(log: Log, config: Mapping[str, Any]) -> float:
+    """How far a sensor sees that has a limit nobody states: REACH_MARGIN times its farthest sighting.
+
+    **Why:** what stands beyond the true limit would count as in view and missed, time and again; then it says
+    nothing any more that a landmark in view is not sighted, and none that vanished is noticed. More than the
+    limit of the settings it never is: ranges may be in another unit.
+    """
+    sensor = config["sensor"]
+    seen = np.isfinite(log.sightings.range_m)
+    if sensor["model"] != "range_bearing" or np.count_nonzero(seen) < LEAST_SEEN:
+        return float(sensor["max_range_m"])
+    farthest_m = _farthest_m(log.sightings.stamp_s[seen], log.sightings.range_m[seen])
+    seen_m = float(f"{REACH_MARGIN * (farthest_m - sensor['range_bias_m']) / sensor['range_scale']:.3g}")
+    return seen_m if sensor["min_range_m"] < seen_m < sensor["max_range_m"] else float(sensor["max_range_m"])
+
+
+def _farthest_m(stamp_s: Floats, range_m: Floats) -> float:
+    """The farthest of sightings (S,), single ones far beyond nearly all others left out: they are wrong."""
+    limit_m = FAR_TIMES * float(np.quantile(range_m, FAR_SHARE))
+    rows = np.flatnonzero(range_m > limit_m)
+    rows = rows[np.argsort(stamp_s[rows], kind="stable")]
+    scan, far_m = np.searchsorted(np.unique(stamp_s), stamp_s[rows]), range_m[rows]
+    again = np.zeros(len(rows), dtype=bool)
+    for other in range(1, min(MOST_BETWEEN, len(rows) - 1) + 1):
+        apart = scan[other:] - scan[:-other]
+        alike = np.abs(np.log(far_m[other:] / far_m[:-other])) < np.log(REACH_MARGIN)
+        both = (apart > 0) & (apart <= AGAIN_SCANS) & alike
+        again[other:] |= both
+        again[:-other] |= both
+    return float(far_m[again].max(initial=range_m[range_m <= limit_m].max()))
 
 
 def refuse_ranges_alone(config: Mapping[str, Any], who: str) -> None:
