@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from fastslam import runner
 from fastslam.cards import calibration_text
+from fastslam.errors import ModelError
 from fastslam.log import Floats, Log
-from fastslam.misplaced import Misplaced, doubts_of, misplaced, without_misplaced
+from fastslam.misplaced import Misplaced, _places, _Sighted, doubts_of, misplaced, without_misplaced
 from fastslam.report import render_report
-from fastslam.residuals import compared
+from fastslam.residuals import Group, compared
 from fastslam.result import RunResult
 from fastslam.resultfiles import read_result, write_result
 from fastslam.simulation import resolve_simulation, simulate
@@ -174,6 +175,38 @@ def test_a_mast_on_either_side_of_a_straight_path_is_undecided() -> None:
     assert [doubt.ratio for doubt in doubts_of(named, found)] == [0.25], "one is not too many"
     (many,) = doubts_of(named, replace(found, undecided=4 * found.undecided, landmarks=30))
     assert many.ratio == 1.0 and many.sentence.startswith("4 of 30 landmarks may as well stand elsewhere")
+
+
+class Forgetful:
+    """A sensor that does not know what to expect of landmarks beyond a place."""
+
+    def __init__(self, group: Group, beyond_m: float) -> None:
+        self.sensor, self.beyond_m = group.sensor, beyond_m
+
+    def off(self, poses: Floats, landmarks: Floats, measured: Floats) -> Floats:
+        if (landmarks[:, 0] > self.beyond_m).any():
+            raise ModelError("it does not know")
+        return self.sensor.off(poses, landmarks, measured)
+
+    def starts(self, pose: Floats, measured: Floats) -> Floats:
+        return self.sensor.starts(pose, measured)
+
+
+def test_landmarks_are_placed_together_as_each_alone(result: RunResult, log: Log) -> None:
+    (group,) = compared(result, log)
+    landmarks = result.landmarks
+    columns = zip(landmarks.mean_m, landmarks.covariance_m2, strict=True)
+    sighted = [_Sighted(*column, np.flatnonzero(group.landmark == k)) for k, column in enumerate(columns)]
+
+    def told(group: Group, sighted: list[_Sighted]) -> list[Any]:
+        found = _places(group, sighted)
+        return [None if f is None else [(*p.mean_m, p.loss) for p in f if p is not None] for f in found]
+
+    assert told(group, sighted) == [told(group, [one])[0] for one in sighted]
+    forgetful = replace(group, sensor=Forgetful(group, 26.0))
+    alone = [told(forgetful, [one])[0] for one in sighted]
+    assert told(forgetful, sighted) == alone
+    assert 0 < alone.count(None) < len(sighted)
 
 
 def test_what_places_landmarks_at_sight_is_judged_by_other_rules(log: Log) -> None:

@@ -163,8 +163,9 @@ def test_one_that_moved_is_told_and_scatter_is_not() -> None:
 
 
 def test_of_groups_all_but_one_are_left_over() -> None:
-    assert surplus([(0, 1), (1, 2), (4, 5)], 6) == [1, 2, 5]
-    assert surplus([], 4) == []
+    assert surplus([(0, 1), (1, 2), (4, 5)]) == [1, 2, 5]
+    assert surplus([(4, 3), (1, 2), (2, 4), (3, 1)]) == [2, 3, 4]
+    assert surplus([]) == []
 
 
 def test_sightings_lie_on_the_landmarks_that_they_name() -> None:

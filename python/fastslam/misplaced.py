@@ -41,7 +41,10 @@ SPREAD = 0.15
 """Starts are apart where this share of the spread of all lies between them."""
 APART = 4.0
 """Two places differ where they are further apart than this many of their standard deviations."""
-ITERATIONS, STEP_M, SMALL_GAIN = 20, 1e-4, 1e-3
+ITERATIONS, STEP_M, SMALL_GAIN = 20, 1e-4, 1e-6
+"""No step is taken that gains less, in nats."""
+TOGETHER = 32
+"""The places of so many landmarks are refined together."""
 MOST_NAMED = 5
 
 
@@ -52,6 +55,9 @@ class Place:
     mean_m: Floats
     loss: float
     covariance_m2: Floats
+
+
+_Places = tuple[Place, Place | None]
 
 
 @dataclass(frozen=True)
@@ -194,39 +200,68 @@ def _at(result: RunResult, stand: Stand) -> str:
     return f"({x_m:.1f}, {y_m:.1f}), {far_m:.1f} m away"
 
 
+@dataclass(frozen=True)
+class _Sighted:
+    """A landmark, where the map has it, and the sightings (n,) of it in a group."""
+
+    mean_m: Floats
+    covariance_m2: Floats
+    rows: Ints
+
+
 def _stands(result: RunResult, groups: tuple[Group, ...]) -> Iterator[Stand]:
     landmarks = result.landmarks
     for group in groups:
         order = np.argsort(group.landmark, kind="stable")
         ends = np.searchsorted(group.landmark[order], np.arange(len(landmarks.ids) + 1))
-        for row in np.flatnonzero(believed(result)).tolist():
-            rows = order[ends[row] : ends[row + 1]]
-            if len(rows):
-                map_place = landmarks.mean_m[row], landmarks.covariance_m2[row]
-                yield _stand(row, group, rows, map_place)
+        sighted = [
+            (row, _Sighted(landmarks.mean_m[row], landmarks.covariance_m2[row], rows))
+            for row in np.flatnonzero(believed(result)).tolist()
+            if len(rows := order[ends[row] : ends[row + 1]])
+        ]
+        for first in range(0, len(sighted), TOGETHER):
+            some = sighted[first : first + TOGETHER]
+            places = _places(group, [of for _, of in some])
+            for (row, of), found in zip(some, places, strict=True):
+                yield _stand(row, group, of, found)
 
 
-def _stand(row: int, group: Group, rows: Ints, in_map: tuple[Floats, Floats]) -> Stand:
-    square = np.sort(_off(group, rows, in_map[0][None]).ravel() ** 2)
+def _stand(row: int, group: Group, of: _Sighted, places: _Places | None) -> Stand:
+    square = np.sort(_off(group, of.rows, of.mean_m[None]).ravel() ** 2)
     kept = square[: int(np.ceil((1.0 - TRIMMED) * len(square)))]
-    looks = len(np.unique(np.floor(group.stamp_s[rows] / LOOK_S)))
+    looks = len(np.unique(np.floor(group.stamp_s[of.rows] / LOOK_S)))
     stand = Stand(row, float(kept.mean() / KEPT_SQUARE), looks)
+    return stand if places is None else replace(stand, here=places[0], other=places[1], numbers=len(square))
+
+
+def _places(group: Group, sighted: Sequence[_Sighted]) -> list[_Places | None]:
+    """Of each the best place about that in the map, and the best one elsewhere.
+
+    None of those of which a sensor of one's own does not know what to expect where no filter has asked.
+    """
     try:
-        here, other = _places(group, rows, in_map)
+        begins = [np.vstack([of.mean_m, _starts(group, of.rows)]) for of in sighted]
+        few = [_some(of.rows, COMPARED) for of in sighted]
+        rows = [rows for rows, begin in zip(few, begins, strict=True) for _ in begin]
+        refined = _refined(group, rows, np.concatenate(begins))
+        cuts = np.cumsum([len(begin) for begin in begins])[:-1]
+        ends = zip(sighted, *(np.split(column, cuts) for column in refined), strict=True)
+        return [_chosen(group, of, places, covariances) for of, places, covariances in ends]
     except ModelError:
-        # A sensor of one's own need not know what to expect where no filter has asked.
-        return stand
-    return replace(stand, here=here, other=other, numbers=len(square))
+        # One that it does not know must not cost the others.
+        return [None] if len(sighted) == 1 else [found for of in sighted for found in _places(group, [of])]
 
 
-def _places(group: Group, rows: Ints, in_map: tuple[Floats, Floats]) -> tuple[Place, Place | None]:
-    """The best place about that in the map, and the best one elsewhere. Errors: `ModelError`."""
+def _starts(group: Group, rows: Ints) -> Floats:
+    """Where a landmark may be by a few of its sightings (n, 2), the likeliest first and apart."""
     starts = np.concatenate([group.starts(row) for row in _some(rows, ANCHORS)])
-    starts = starts[np.argsort(_loss(group, _some(rows, GLANCED), starts), kind="stable")]
-    mean_m, covariance_m2 = in_map
-    places, covariances = _refined(group, _some(rows, COMPARED), np.vstack([mean_m, _spread(starts)]))
-    places, covariances = np.vstack([mean_m, places]), np.concatenate([covariance_m2[None], covariances])
-    loss = _loss(group, rows, places)
+    return _spread(starts[np.argsort(_loss(group, _some(rows, GLANCED), starts), kind="stable")])
+
+
+def _chosen(group: Group, of: _Sighted, places: Floats, covariances: Floats) -> _Places:
+    in_map = of.mean_m, of.covariance_m2
+    places, covariances = np.vstack([in_map[0], places]), np.concatenate([in_map[1][None], covariances])
+    loss = _loss(group, of.rows, places)
     far = np.array([_are_apart(in_map, other) for other in zip(places, covariances, strict=True)])
     near, away = (np.flatnonzero(rows_of) for rows_of in (~far, far))
 
@@ -275,29 +310,48 @@ def _loss(group: Group, rows: Ints, places: Floats) -> Floats:
     return np.asarray((TAIL + 1.0) * np.log1p(off**2 / TAIL).sum(axis=(1, 2)))
 
 
-def _refined(group: Group, rows: Ints, places: Floats) -> tuple[Floats, Floats]:
-    """Gauss-Newton from each place (P, 2), damped where it does not lead downhill; places and covariances."""
-    at, damping, loss = places.copy(), np.full(len(places), 1e-3), _loss(group, rows, places)
+def _refined(group: Group, rows: Sequence[Ints], places: Floats) -> tuple[Floats, Floats]:
+    """Gauss-Newton from each place (P, 2) by its own sightings, damped where it does not lead downhill.
+
+    Returns places and covariances. One whose next step would gain next to nothing is left alone.
+    """
+    at, damping, left = places.copy(), np.full(len(places), 1e-3), np.arange(len(places))
+    loss, information, gradient = _normal_equations(group, rows, at)
     for _ in range(ITERATIONS):
-        information, gradient = _normal_equations(group, rows, at)
-        damped = information * (1.0 + damping[:, None, None] * np.eye(2))
-        moved = at - np.linalg.solve(damped, gradient[..., None])[..., 0]
-        moved_loss = _loss(group, rows, moved)
-        downhill = moved_loss < loss
-        gained = np.where(downhill, loss - moved_loss, 0.0).max()
-        at[downhill], loss[downhill] = moved[downhill], moved_loss[downhill]
-        damping = np.where(downhill, 0.1 * damping, 10.0 * damping)
-        if gained < SMALL_GAIN and damping.min() > 1.0:
+        damped = information[left] * (1.0 + damping[left, None, None] * np.eye(2))
+        step = np.linalg.solve(damped, gradient[left, :, None])[..., 0]
+        worth = (step * gradient[left]).sum(axis=1) > SMALL_GAIN
+        left, step = left[worth], step[worth]
+        if len(left) == 0:
             break
-    return at, np.asarray(np.linalg.inv(_normal_equations(group, rows, at)[0]))
+        moved = at[left] - step
+        there = _normal_equations(group, [rows[place] for place in left.tolist()], moved)
+        downhill = there[0] < loss[left]
+        for now, new in zip((at, loss, information, gradient), (moved, *there), strict=True):
+            now[left[downhill]] = new[downhill]
+        damping[left] *= np.where(downhill, 0.1, 10.0)
+    return at, np.asarray(np.linalg.inv(information))
 
 
-def _normal_equations(group: Group, rows: Ints, places: Floats) -> tuple[Floats, Floats]:
-    """Information (P, 2, 2) and gradient (P, 2) of the loss, by differences."""
-    off = _off(group, rows, places)
-    steps = STEP_M * np.eye(2)
-    slopes = [_off(group, rows, places + s) - _off(group, rows, places - s) for s in steps]
-    slope = np.stack(slopes, axis=-1) / (2.0 * STEP_M)
-    weighted = slope * ((TAIL + 1.0) / (TAIL + off**2))[..., None]
+def _normal_equations(group: Group, rows: Sequence[Ints], places: Floats) -> tuple[Floats, Floats, Floats]:
+    """The loss (P,), its information (P, 2, 2) and gradient (P, 2), by differences.
+
+    **Why all in one call:** a call for few sightings takes longer to make than to answer.
+    """
+    count, flat = np.array([len(of) for of in rows]), np.concatenate(rows)
+    begin = np.cumsum(count) - count
+    steps = [sign * step for step in STEP_M * np.eye(2) for sign in (1.0, -1.0)]
+    around = np.concatenate([places, *(places + step for step in steps)])
+    landmarks = np.repeat(around, np.tile(count, 1 + len(steps)), axis=0)
+    off, *beside = group.off(np.tile(flat, 1 + len(steps)), landmarks).reshape(1 + len(steps), len(flat), -1)
+    slopes = [(ahead - behind) / (2.0 * STEP_M) for ahead, behind in (beside[:2], beside[2:])]
+    weighted = [slope * ((TAIL + 1.0) / (TAIL + off**2)) for slope in slopes]
+
+    def summed(values: Floats) -> Floats:
+        return np.asarray(np.add.reduceat(values.sum(axis=1), begin))
+
+    information = np.array([[summed(one * other) for other in slopes] for one in weighted])
     least = 1e-9 * np.eye(2)  # in 1/m²: of what no sighting says anything
-    return np.einsum("pnza,pnzb->pab", weighted, slope) + least, np.einsum("pnza,pnz->pa", weighted, off)
+    gradient = np.column_stack([summed(slope * off) for slope in weighted])
+    loss = (TAIL + 1.0) * summed(np.log1p(off**2 / TAIL))
+    return loss, np.moveaxis(information, -1, 0) + least, gradient

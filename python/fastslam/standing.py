@@ -6,7 +6,7 @@ Nothing of it can be told of landmarks that are in view once, nor of things that
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import exp, lgamma, log
 
@@ -50,9 +50,7 @@ def standing(laid: Laid, *, named: bool) -> Standing:
     """Looks at every landmark of the map; names keep two apart, however they are sighted."""
     looks = Looks(laid)
     pairs = [] if named else looks.twins()
-    gone, moved, twins = (
-        set(found) for found in (looks.gone(), looks.moved(), surplus(pairs, len(laid.mean_m)))
-    )
+    gone, moved, twins = (set(found) for found in (looks.gone(), looks.moved(), surplus(pairs)))
     return Standing(len(looks.chosen), len(gone), len(moved), len(twins), len(gone | moved | twins))
 
 
@@ -192,13 +190,20 @@ def _noise_m(laid: Laid) -> float:
     return float(1.4826 * np.median(np.abs(apart)) * np.sqrt(2))
 
 
-def surplus(pairs: list[tuple[int, int]], count: int) -> list[int]:
-    """The landmarks (of `count`) that are left over where those of each pair are one."""
-    group = list(range(count))
-    for one, other in pairs:
-        old, new = group[other], group[one]
-        group = [new if number == old else number for number in group]
-    return [number for number, root in enumerate(group) if number != group.index(root)]
+def surplus(pairs: Iterable[tuple[int, int]]) -> list[int]:
+    """The landmarks that are left over where those of each pair are one: all of a group but the first."""
+    before: dict[int, int] = {}
+
+    def first(landmark: int) -> int:
+        while landmark in before:
+            landmark = before[landmark]
+        return landmark
+
+    for pair in pairs:
+        one, other = sorted(map(first, pair))
+        if one != other:
+            before[other] = one
+    return sorted(before)
 
 
 def _log_missed(missed: int, looks: int, sighted: int) -> float:

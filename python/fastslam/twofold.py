@@ -62,7 +62,7 @@ def twofold(laid: Laid, variance_m2: Floats, noise_m2: float) -> list[int]:
     step = max(1, len(stretches) // MOST_STRETCHES)
     for rows in stretches[::step]:
         pairs |= _twins(laid, known, rows, len(stretches))
-    return surplus(sorted(pairs), len(laid.mean_m))
+    return surplus(sorted(pairs))
 
 
 def _stretches(laid: Laid, good: Ints) -> list[Ints]:
