@@ -13,7 +13,7 @@ from fastslam.config import parse_assignments
 from fastslam.datasets import write_native
 from fastslam.log import Log
 from fastslam.simulation import resolve_simulation, simulate
-from fastslam.tuning import diagnose
+from fastslam.tuning import diagnose, tune
 
 
 @pytest.fixture(scope="module")
@@ -108,3 +108,26 @@ def test_the_command_prints_the_line_to_paste_and_json(sound: Log, tmp_path: Pat
     facts = json.loads(fastslam("doctor", str(tmp_path / "log"), "--json").stdout)
     assert facts["suspected"][0]["remedy"].startswith("--set sensor.delay_s=0.")
     assert facts["suspected"][0]["log_odds"] == pytest.approx(facts["readings"][0]["log_odds"])
+
+
+@pytest.mark.slow
+def test_a_small_delay_is_suspected_where_learning_takes_it_and_kept_where_it_is_stated(
+    tmp_path: Path,
+) -> None:
+    """A car among cones, sightings stamped 0.05 s late: the doctor and `tune` go by the same evidence."""
+    log = simulate(resolve_simulation({"seed": 8102}, preset="cones"))
+    late = replace(log, sightings=replace(log.sightings, stamp_s=log.sightings.stamp_s + 0.05))
+    sensor = {key: value for key, value in late.config["sensor"].items() if key != "delay_s"}
+    unstated = replace(late, config={**late.config, "sensor": sensor})
+    few = {"filter": {"particles": 30}, "association": {"mode": "unknown"}}
+    for one, is_stated in ((late, True), (unstated, False)):
+        found, tuned = diagnose(one, few), tune(one, few)
+        (delay,) = (value for value in found.learned or () if value.key == "sensor.delay_s")
+        assert delay.interval95[0] < 0.05 < delay.interval95[1] and delay.interval95[0] > 0.02
+        told = [verdict.remedy for verdict in found.suspected]
+        assert [value.key for value in found.kept] == (["sensor.delay_s"] if is_stated else [])
+        assert told == ([] if is_stated else [f"--set sensor.delay_s={delay.value:.3g}"])
+        assert ("delay_s" in tuned.settings.get("sensor", {})) is not is_stated
+    printed = fastslam("doctor", write_native(late, tmp_path / "log"))
+    assert "kept: sensor.delay_s = 0 is stated" in printed.stdout
+    assert "nothing fits surely better" in printed.stdout and "suspected" not in printed.stdout

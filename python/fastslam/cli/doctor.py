@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import typer
 
 from .console import make_table, stdout
 from .encoding import print_json
 from .options import ConfigFile, Format, Json, LogPath, Robot, Run, Settings
+
+if TYPE_CHECKING:
+    from ..tuning import Diagnosis
 
 SHOWN = 8
 
@@ -23,8 +28,8 @@ def doctor(
     """Say how a log's numbers may be meant, with log-odds and the line that puts it right.
 
     Sightings of one moment, moved by the odometry, are held against those of a moment later; no filter runs.
-    A reading above 10 nats, on which parts of the log agree, is suspected; below zero the log as it stands
-    fits better.
+    A reading above 10 nats, on which parts of the log agree, is suspected, a gain or a delay where `tune`
+    takes it for real too; below zero the log as it stands fits better.
 
     \b
     Examples:
@@ -50,9 +55,20 @@ def doctor(
     rows = [(one.name, f"{one.log_odds:+,.0f}", one.remedy) for one in found.verdicts[:SHOWN]]
     title = f"{log.name}: readings against the numbers as they stand, by {found.questions:,} comparisons"
     stdout().print(make_table(title, ("reading", "!>nats", "remedy"), rows))
+    for value in found.kept:
+        low, high = value.interval95
+        typer.echo(
+            f"kept: {value.key} = {value.stated:.4g} is stated, and the log says {low:.3g} to {high:.3g}: "
+            "too near to overrule it, for `tune` and `--auto` as well"
+        )
+    typer.echo(_conclusion(found))
+
+
+def _conclusion(found: Diagnosis) -> str:
     if found.suspected:
-        typer.echo(f"suspected: {found.suspected[0].name}: {found.suspected[0].remedy}")
-    elif any(finding.severity != "note" for finding in found.findings):
-        typer.echo("no other reading fits better; what is said above comes first")
-    else:
-        typer.echo("the numbers fit best as they stand")
+        return f"suspected: {found.suspected[0].name}: {found.suspected[0].remedy}"
+    if any(finding.severity != "note" for finding in found.findings):
+        return "no other reading fits better; what is said above comes first"
+    if found.verdicts[0].log_odds > 0:
+        return "nothing fits surely better than the numbers as they stand"
+    return "the numbers fit best as they stand"

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..config import merge
 from ..detection import detected_in_scans
+from ..errors import DataError
 from ..examination import examine
 from ..examination.evidence import READINGS
 from ..examination.finding import Finding
@@ -20,7 +21,9 @@ from ..log import Floats, Log
 from ..settings import Layer
 from ..several import refuse_several
 from .begin import DELAYS_S, LEAST_GAIN, LEAST_QUESTIONS, SPEED_GAINS, TURN_GAINS, nats_by_part, nats_of
-from .learn import wide_noise
+from .learn import SCALE, SIGNIFICANT, Value, wide_noise
+from .motion import DELAY, DISTANCE
+from .session import from_tracks
 
 AGREE = 3.0
 """So many standard errors the parts of the log must gain on average.
@@ -29,6 +32,12 @@ Errors of the odometry last: what one turn gains in nats is no proof, nor is wha
 """
 FINER = 4
 """A gain or a delay is looked for four times halved between the values that are tried."""
+LEARNED = {
+    "turn-gain": ("motion.correction.turn_gain", "motion.steering_gain"),
+    "distance-gain": (DISTANCE, SCALE),
+    "delay": (DELAY,),
+}
+"""Of these `tune` finds how large they are and how surely."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,12 @@ class Verdict:
     remedy: str
     agreement: float
     """Mean gain of the parts of the log, by time, in standard errors."""
+    kind: str = ""
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether the log prefers it by LEAST_GAIN nats, and all over: in parts that AGREE."""
+        return self.log_odds > LEAST_GAIN and self.agreement > AGREE
 
 
 @dataclass(frozen=True)
@@ -52,18 +67,38 @@ class Diagnosis:
     verdicts: tuple[Verdict, ...]
     findings: tuple[Finding, ...]
     questions: int
+    learned: tuple[Value, ...] | None = None
+    """What `tune` begins with; None where it cannot, or another reading must be put right before."""
 
     @property
     def suspected(self) -> tuple[Verdict, ...]:
-        """The readings that the log prefers by LEAST_GAIN nats, and all over: in parts that AGREE."""
-        clear = (one for one in self.verdicts if one.log_odds > LEAST_GAIN)
-        return tuple(one for one in clear if one.agreement > AGREE)
+        """The readings that the log clearly prefers; a gain or a delay where `tune` takes it for real too."""
+        return tuple(one for one in self.verdicts if self._is_suspected(one))
+
+    @property
+    def kept(self) -> tuple[Value, ...]:
+        """What the log would rather have otherwise, by less than overrules what somebody wrote down."""
+        keys = {key for keys in LEARNED.values() for key in keys}
+        return tuple(
+            value
+            for value in self.learned or ()
+            if value.key in keys and value.observable and not value.significant
+            if abs(value.value - value.stated) > SIGNIFICANT * value.standard_error
+        )
+
+    def _is_suspected(self, one: Verdict) -> bool:
+        if self.learned is None or one.kind not in LEARNED:
+            return one.is_clear
+        return one.log_odds > 0 and any(
+            value.key in LEARNED[one.kind] and value.significant for value in self.learned
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The members by name, for JSON."""
         return {
             "suspected": [asdict(verdict) for verdict in self.suspected],
             "readings": [asdict(verdict) for verdict in self.verdicts],
+            "kept": [asdict(value) for value in self.kept],
             "findings": [finding.to_dict() for finding in self.findings],
             "sightings_compared": self.questions,
         }
@@ -73,7 +108,8 @@ def diagnose(log: Log, config: Layer | None = None) -> Diagnosis:
     """Holds a log against every reading of its numbers, without running a filter.
 
     `config` is laid over the log's own settings. The log-odds are those of the sightings of one moment, moved
-    by the odometry, against what is seen a moment later. Errors: ConfigError for `config`.
+    by the odometry, against what is seen a moment later; whether a gain or a delay is suspected is told as
+    `tune` tells it, by what is followed from scan to scan. Errors: ConfigError for `config`.
     """
     refuse_several(merge(log.config, config or {}), "doctor")
     findings = examine(log, config)
@@ -100,8 +136,44 @@ def diagnose(log: Log, config: Layer | None = None) -> Diagnosis:
             continue
         gains = nats_by_part(bench, reading) - as_is
         remedy = _remedy(kind, reading, subject.config, ackermann=ackermann)
-        verdicts.append(Verdict(name, float(gains.sum()), remedy, _agreement(gains)))
-    return Diagnosis(tuple(sorted(verdicts, key=lambda one: -one.log_odds)), findings, questions)
+        verdicts.append(Verdict(name, float(gains.sum()), remedy, _agreement(gains), kind))
+    verdicts.sort(key=lambda one: -one.log_odds)
+    gross = any(one.is_clear and one.kind not in LEARNED for one in verdicts)
+    learned = None if gross else _learned(log, config)
+    if learned is not None:
+        verdicts = [_as_learned(one, learned, subject.config, ackermann=ackermann) for one in verdicts]
+    return Diagnosis(tuple(verdicts), findings, questions, learned)
+
+
+def _learned(log: Log, config: Layer | None) -> tuple[Value, ...] | None:
+    """The errors that short tracks tell, as `tune` begins with; None where it cannot."""
+    try:
+        values = from_tracks(log, config).values
+    except (DataError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+    return tuple(value for value in values if not np.isnan(value.standard_error))
+
+
+def _as_learned(
+    one: Verdict, values: tuple[Value, ...], config: Mapping[str, Any], *, ackermann: bool
+) -> Verdict:
+    """The reading with the size that `tune` finds, where it takes it for real."""
+    keys = LEARNED.get(one.kind, ())
+    value = next((value for value in values if value.key in keys and value.significant), None)
+    if value is None:
+        return one
+    if value.key == SCALE:
+        name = f"ranges {value.value / value.stated:.4g} times as long as they should be"
+        return replace(one, name=name, remedy=f"--set {SCALE}={value.value:.4g}")
+    ratio = value.value / value.stated if value.stated else 1.0
+    reading = {
+        "delay": Hypothesis(delay_s=value.value - value.stated),
+        "turn-gain": Hypothesis(turn_gain=ratio),
+        "distance-gain": Hypothesis(speed_gain=ratio),
+    }[one.kind]
+    return replace(
+        one, name=_name(one.kind, reading), remedy=_remedy(one.kind, reading, config, ackermann=ackermann)
+    )
 
 
 def _agreement(gains: Floats) -> float:

@@ -558,6 +558,13 @@ def of_turns_and_delay(learned: Learned) -> Learned:
     return replace(learned, values=values, settings=merge(*told))
 
 
+def without_noise(learned: Learned) -> Learned:
+    """What was learned of errors alone: under them the noise is as it is stated."""
+    values = tuple(value for value in learned.values if not np.isnan(value.standard_error))
+    told = [nested(value.key, _short(value.value)) for value in values if value.significant]
+    return replace(learned, values=values, settings=merge(*told))
+
+
 def _short(value: float) -> float:
     """Four significant digits."""
     return float(f"{float(value):.4g}")

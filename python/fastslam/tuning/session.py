@@ -40,6 +40,7 @@ from .learn import (
     usable_sightings,
     wide_noise,
     widened,
+    without_noise,
 )
 from .motion import DISTANCE, nested, noise_parts, value_of
 from .passes import Report, passes_of
@@ -79,6 +80,8 @@ class Attempt:
     """So many times as wide as what is wide is the noise; 0 where it is stated or learned."""
     was_ended: bool = False
     """Whether its map grew so far beyond that of the best run that it was ended."""
+    least_nats: float = LEAST_NATS
+    """So many nats it must gain over an earlier one to be kept for that."""
 
     @property
     def fault(self) -> str | None:
@@ -222,6 +225,16 @@ def searched(
     )
 
 
+def from_tracks(log: Log, config: Layer | None = None) -> Learned:
+    """What all that is followed from scan to scan says of a log's noise and errors: no filter runs.
+
+    `config` is laid over the log's own settings. Errors: DataError for a log with too little in it.
+    """
+    log = with_sightings(log, config)
+    session = _Session(log, configure(log, config or {}), config or {}, None)
+    return session.learned_from_tracks(session.begun())
+
+
 def _search(session: _Session, stated: RunResult | None) -> Attempt:
     """Runs as short tracks teach or with wide noise, as stated, as the best map teaches: the best of them."""
     if stated is not None:
@@ -235,6 +248,8 @@ def _search(session: _Session, stated: RunResult | None) -> Attempt:
         session.attempt("from short tracks", tracked.settings, tracked)
     if stated is None:
         session.attempt_as_stated()
+    if not repeating:
+        _try_errors_alone(session, tracked)
     if not at_once and (repeating or not _better(session.attempts).is_sound):
         _widen(session, tracked)
     best, teaches = _better(session.attempts), True
@@ -246,6 +261,17 @@ def _search(session: _Session, stated: RunResult | None) -> Attempt:
         best, teaches = latest, _is_clearer(latest, best)
     session.finish()
     return best
+
+
+def _try_errors_alone(session: _Session, tracked: Learned) -> None:
+    """Runs with the turns and the delay of short tracks under the noise stated, where that is the better one.
+
+    **Why:** a noise under which a loop is not closed says nothing against a delay. What the tracks say for
+    sure is kept unless the rest of the log speaks against it.
+    """
+    told, best = without_noise(of_turns_and_delay(tracked)), _better(session.attempts)
+    if told.settings and best.is_sound and best is session.attempts[0]:
+        session.attempt("turns and delay from short tracks", told.settings, told, least_nats=0.0)
 
 
 def _widen(session: _Session, tracked: Learned) -> None:
@@ -290,14 +316,14 @@ def _better(attempts: list[Attempt]) -> Attempt:
 
     **Why:** evidence alone prefers a map that is there many times over: under noise that is too narrow for
     errors which last, each copy explains the sightings of its time. An earlier attempt is kept unless it
-    loses LEAST_NATS. One that was ended is none; the first run never is.
+    loses the `least_nats` of a later one. One that was ended is none; the first run never is.
     """
     whole = [attempt for attempt in attempts if not attempt.was_ended]
     best = whole[0]
     for other in whole[1:]:
         sounder = other.judgement.rank - best.judgement.rank
         simpler = other.judgement.is_simpler(best.judgement) - best.judgement.is_simpler(other.judgement)
-        likelier = other.evidence > best.evidence + LEAST_NATS
+        likelier = other.evidence > best.evidence + other.least_nats
         if (sounder, simpler, likelier) > (0, 0, False):
             best = other
     return best
@@ -358,6 +384,7 @@ class _Session:
         learned: Learned | None,
         *,
         wider: float = 0.0,
+        least_nats: float = LEAST_NATS,
     ) -> Attempt:
         """Runs the filter with settings over those stated.
 
@@ -380,7 +407,8 @@ class _Session:
             return self.attempts[-1]
         if result.interrupted and self.attempts:
             raise KeyboardInterrupt
-        self.attempts.append(self._judged(name, settings, learned, result, wider))
+        made = self._judged(name, settings, learned, result, wider)
+        self.attempts.append(replace(made, least_nats=least_nats))
         if result.interrupted:
             raise KeyboardInterrupt
         return self.attempts[-1]
