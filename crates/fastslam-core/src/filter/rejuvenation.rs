@@ -362,19 +362,20 @@ fn become_copies_of_best(state: &mut State, work: &mut Work, trajectory: &Trajec
     }
 }
 
-/// Counts the sightings that went over from one landmark to another where they belong now.
+/// Counts the sightings that went over from one landmark to another, or to none, where they belong now.
 fn recount(state: &mut State, moved: &[Moved], places: &FxHashMap<u32, Place>) {
     let mut more: FxHashMap<u32, f64> = FxHashMap::default();
     let is_held =
         |birth: u32| state.landmarks.slot(places[&birth].0).is_some_and(|slot| slot.birth == u64::from(birth));
     for one in moved {
-        let [from, to] = [one.from, one.to].map(|birth| state.merger.present_name(birth, is_held));
+        let name = |birth: u32| if birth == NO_LANDMARK { birth } else { state.merger.present_name(birth, is_held) };
+        let [from, to] = [one.from, one.to].map(name);
         if from != to {
             *more.entry(from).or_default() -= 1.0;
             *more.entry(to).or_default() += 1.0;
         }
     }
-    more.retain(|birth, _| is_held(*birth));
+    more.retain(|birth, _| *birth != NO_LANDMARK && is_held(*birth));
     for (birth, more) in more {
         state.landmarks.update(places[&birth].0, None, |mut rows| {
             rows.column(Planar::SIGHTINGS).iter_mut().for_each(|count| *count = (*count + more).max(1.0));

@@ -11,6 +11,7 @@
 use super::differences::{Candidate, Differences, Pair, Set};
 use super::factor::{Lanes, LANES};
 use super::graph::{Graph, Mode, Sights};
+use super::history::Seen;
 use crate::density::chi_squared_ratio;
 use crate::gaussian::mahalanobis_squared;
 use crate::geometry::Symmetric2;
@@ -187,7 +188,8 @@ impl<M: Placing> Graph<'_, M> {
             }
             let [old, young] = [older, younger].map(|k| &self.landmarks[k]);
             let evidence = (closing.evidence)([old.birth, young.birth])?;
-            let apart = RARE * seen_together(old, young) as f64 <= old.seen.len().min(young.seen.len()) as f64;
+            let apart =
+                RARE * seen_together(&old.seen, &young.seen) as f64 <= old.seen.len().min(young.seen.len()) as f64;
             apart.then_some(Candidate { pair: [older, younger], log_odds: evidence - log_density })
         };
         near.into_iter().filter_map(|(_, older)| candidate(older)).take(OLDER_EACH).collect()
@@ -298,9 +300,9 @@ fn log_density(at: &[[f64; 2]], around: usize) -> f64 {
 }
 
 /// Scans in which both were sighted.
-pub(super) fn seen_together(a: &Sights, b: &Sights) -> usize {
-    let mut others = b.seen.iter().map(|seen| seen.step).peekable();
-    let together = a.seen.iter().filter(|seen| {
+pub(super) fn seen_together(a: &[Seen], b: &[Seen]) -> usize {
+    let mut others = b.iter().map(|seen| seen.step).peekable();
+    let together = a.iter().filter(|seen| {
         while others.next_if(|step| *step < seen.step).is_some() {}
         others.peek() == Some(&seen.step)
     });
@@ -441,8 +443,8 @@ mod tests {
             let seen = |step: &u32| super::super::history::Seen { birth: 0, step: *step, sighting: *step };
             Sights { birth: 0, known: Known::Nothing, seen: steps.iter().map(seen).collect() }
         };
-        assert_eq!(seen_together(&sights(&[1, 2, 5, 9]), &sights(&[0, 2, 3, 9, 12])), 2);
-        assert_eq!(seen_together(&sights(&[1]), &sights(&[])), 0);
+        assert_eq!(seen_together(&sights(&[1, 2, 5, 9]).seen, &sights(&[0, 2, 3, 9, 12]).seen), 2);
+        assert_eq!(seen_together(&sights(&[1]).seen, &sights(&[]).seen), 0);
     }
 
     #[test]

@@ -24,6 +24,7 @@ mod keyframes;
 mod misread;
 mod rows;
 mod second_thoughts;
+mod surplus;
 mod symbolic;
 mod thinning;
 mod triangle;

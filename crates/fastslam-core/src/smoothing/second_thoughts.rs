@@ -10,7 +10,7 @@ use super::closing::Closing;
 use super::differences::GATE;
 use super::factor::Lanes;
 use super::graph::{Graph, Known, Mode, Sights};
-use super::history::Seen;
+use super::history::{Seen, NO_LANDMARK};
 use crate::measurement::Placing;
 use rustc_hash::{FxHashMap, FxHashSet};
 
@@ -23,7 +23,7 @@ const GAIN: f64 = 2.0;
 pub struct Moved {
     /// Number of the sighting.
     pub sighting: u32,
-    /// Births of the landmark that it was taken for and of that which it shows.
+    /// Births of the landmark that it was taken for and of that which it shows, or [`NO_LANDMARK`].
     pub from: u32,
     pub to: u32,
 }
@@ -33,7 +33,7 @@ pub struct Moved {
 pub struct SecondThoughts {
     /// Sightings that go over.
     pub moved: Vec<Moved>,
-    /// Births of landmarks that went over into others, having lost all their sightings or as twins, and of these.
+    /// Births of landmarks that went over into others, having lost all their sightings, and of these.
     pub gone_over: Vec<[u32; 2]>,
 }
 
@@ -80,11 +80,14 @@ impl<M: Placing> Graph<'_, M> {
         let mut thoughts = SecondThoughts::between(&before, &self.births());
         let (mode, twins) = self.join_twins(mode, closing, &related);
         thoughts.gone_over.extend(twins);
+        let (mode, surplus) = self.without_surplus(mode, closing, &related);
+        thoughts.moved.extend(surplus.moved);
+        thoughts.gone_over.extend(surplus.gone_over);
         (mode, thoughts)
     }
 
     /// Sighting and birth of the landmark that it is taken for.
-    fn births(&self) -> FxHashMap<u32, u32> {
+    pub(super) fn births(&self) -> FxHashMap<u32, u32> {
         let of = |sights: &Sights| sights.seen.iter().map(|seen| (seen.sighting, sights.birth)).collect::<Vec<_>>();
         self.landmarks.iter().flat_map(of).collect()
     }
@@ -194,15 +197,16 @@ impl<M: Placing> Graph<'_, M> {
 
 impl SecondThoughts {
     /// What changed between two ways to explain the sightings.
-    fn between(before: &FxHashMap<u32, u32>, after: &FxHashMap<u32, u32>) -> Self {
+    pub(super) fn between(before: &FxHashMap<u32, u32>, after: &FxHashMap<u32, u32>) -> Self {
         let mut moved: Vec<Moved> = before
             .iter()
-            .map(|(sighting, from)| Moved { sighting: *sighting, from: *from, to: after[sighting] })
+            .map(|(sighting, from)| (sighting, from, after.get(sighting).unwrap_or(&NO_LANDMARK)))
+            .map(|(sighting, from, to)| Moved { sighting: *sighting, from: *from, to: *to })
             .filter(|moved| moved.from != moved.to)
             .collect();
         moved.sort_unstable_by_key(|moved| moved.sighting);
         let mut lost: FxHashMap<u32, FxHashMap<u32, usize>> = FxHashMap::default();
-        for one in &moved {
+        for one in moved.iter().filter(|one| one.to != NO_LANDMARK) {
             *lost.entry(one.from).or_default().entry(one.to).or_default() += 1;
         }
         let held: FxHashSet<u32> = after.values().copied().collect();
@@ -283,6 +287,19 @@ mod tests {
             assert!(right >= 18 && thoughts.moved.len() <= right + 8, "{:?}", thoughts.moved);
             assert!(thoughts.moved.iter().all(|moved| moved.from != moved.to && moved.from.max(moved.to) == 1));
             assert!(thoughts.gone_over.is_empty() && after.cost < before);
+        });
+    }
+
+    #[test]
+    fn a_third_landmark_among_two_that_got_sightings_of_both_is_done_without() {
+        // Any two of the three are sighted together in every third scan, so that no pair of them is twins.
+        let taken = |step: usize, k: usize| if k < 2 && step % 3 == k { 3 } else { k as u32 };
+        solved(taken, |mut graph, mode| {
+            assert_eq!(graph.landmarks.len(), 4);
+            let (_, thoughts) = graph.reassociate(mode, &closing(&|_| Some(0.0)), still);
+            assert_eq!((graph.landmarks.len(), thoughts.gone_over.len()), (3, 1), "{:?}", thoughts.gone_over);
+            let most = |sights: &Sights| sights.seen.len();
+            assert!(graph.landmarks.iter().map(most).eq([STEPS; 3]), "each is sighted in every scan");
         });
     }
 

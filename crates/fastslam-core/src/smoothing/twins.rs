@@ -49,7 +49,7 @@ impl<M: Placing> Graph<'_, M> {
         let [old, young] = [older, younger].map(|k| &self.landmarks[k]);
         let births = [old.birth, young.birth];
         let looks = (closing.evidence)(births)?;
-        let together = seen_together(old, young) as f64;
+        let together = seen_together(&old.seen, &young.seen) as f64;
         if RARE * together > old.seen.len().min(young.seen.len()) as f64 {
             return None;
         }
@@ -57,8 +57,9 @@ impl<M: Placing> Graph<'_, M> {
         if !self.is_taken_for(few, many, mode) {
             return None;
         }
-        let shown = self.shown_together(many, few, mode)?;
-        let log_odds = looks - self.looks_at([older, younger], mode) * math::ln(1.0 - shown);
+        let shown = self.shown_together(&[many, few], &self.landmarks[many].seen, mode)?;
+        let scans = old.seen.iter().chain(&young.seen);
+        let log_odds = looks - self.looks(scans, mode) * math::ln(1.0 - shown);
         (log_odds > closing.log_odds).then_some(Twins { births, log_odds })
     }
 
@@ -70,28 +71,27 @@ impl<M: Placing> Graph<'_, M> {
         2 * near.count() > seen.len()
     }
 
-    /// In what part of its scans a landmark is sighted together with a neighbour; `None` where nothing says it.
-    fn shown_together(&self, landmark: usize, twin: usize, mode: &Mode) -> Option<f64> {
-        let (places, sights) = (&mode.solution.landmarks, &self.landmarks[landmark]);
+    /// In what part of these scans, of which each shows all of a `group`, neighbours of its first landmark are sighted
+    /// too; `None` where nothing says it.
+    pub(super) fn shown_together(&self, group: &[usize], scans: &[Seen], mode: &Mode) -> Option<f64> {
+        let (places, landmark) = (&mode.solution.landmarks, *group.first()?);
         let squared =
             |k: usize| [0, 1].map(|axis| (places[k][axis] - places[landmark][axis]).powi(2)).iter().sum::<f64>();
-        let mut others: Vec<usize> = (0..places.len())
-            .filter(|k| ![landmark, twin].contains(k) && self.landmarks[*k].seen.len() >= FEWEST)
-            .collect();
+        let mut others: Vec<usize> =
+            (0..places.len()).filter(|k| !group.contains(k) && self.landmarks[*k].seen.len() >= FEWEST).collect();
         others.sort_by(|a, b| squared(*a).total_cmp(&squared(*b)));
         others.truncate(NEIGHBOURS);
-        let share = |k: &usize| seen_together(sights, &self.landmarks[*k]) as f64 / sights.seen.len() as f64;
+        let share = |k: &usize| seen_together(scans, &self.landmarks[*k].seen) as f64 / scans.len() as f64;
         let sum: f64 = others.iter().map(share).sum();
         (!others.is_empty()).then(|| (sum / others.len() as f64).min(0.95))
     }
 
-    /// Looks that showed one of two landmarks: scans after which the robot has moved on.
-    fn looks_at(&self, pair: [usize; 2], mode: &Mode) -> f64 {
-        let seen = pair.map(|k| &self.landmarks[k].seen);
-        let mut steps: Vec<u32> = seen.iter().flat_map(|seen| seen.iter().map(|one| one.step)).collect();
+    /// Looks among these scans: those after which the robot has moved on.
+    pub(super) fn looks<'a>(&self, scans: impl Iterator<Item = &'a Seen> + Clone, mode: &Mode) -> f64 {
+        let mut steps: Vec<u32> = scans.clone().map(|one| one.step).collect();
         steps.sort_unstable();
         let range_m = |one: &Seen| self.model(one.step as usize).range(self.history.sighting(one.sighting).value);
-        let far_m = seen.iter().flat_map(|seen| seen.iter()).map(range_m).fold(0.0, f64::max);
+        let far_m = scans.map(range_m).fold(0.0, f64::max);
         let (mut last, mut looks) = (None, 0.0);
         for step in steps {
             let pose = mode.solution.trajectory.poses[step as usize];
