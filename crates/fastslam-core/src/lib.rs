@@ -30,6 +30,7 @@ pub mod random;
 pub mod real;
 pub mod resampling;
 pub mod run;
+mod shared;
 pub mod sighting;
 pub mod slam;
 pub mod smoothing;

@@ -4,6 +4,7 @@
 
 use crate::geometry::Pose;
 use crate::resampling::follow;
+use crate::shared::Shared;
 use crate::workers::Workers;
 use serde::{Deserialize, Serialize};
 
@@ -25,10 +26,12 @@ struct Link {
 }
 
 /// Paths of all particles as a forest that shares common pasts; poses are of the plane, or of space.
+///
+/// A copy shares what neither changes, which after hours is nearly all.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct PathForest<P = Pose> {
-    nodes: Vec<Node<P>>,
-    links: Vec<Link>,
+    nodes: Shared<Node<P>>,
+    links: Shared<Link>,
     free: Vec<u32>,
     /// Node of each particle's latest pose.
     tips: Vec<u32>,
@@ -42,7 +45,7 @@ pub struct PathForest<P = Pose> {
     /// So many of the nodes, from the first on, are those of the first steps in all paths.
     #[serde(skip)]
     trunk: usize,
-    stamps_s: Vec<f64>,
+    stamps_s: Shared<f64>,
 }
 
 impl<P: Copy + Default + Send + Sync> PathForest<P> {
@@ -68,13 +71,13 @@ impl<P: Copy + Default + Send + Sync> PathForest<P> {
         workers.both(
             particles,
             || {
-                nodes.resize(total, Node { pose: P::default(), step });
+                nodes.fill_to(total, &Node { pose: P::default(), step });
                 for (particle, &tip) in tips.iter().enumerate() {
                     nodes[tip as usize] = Node { pose: pose_of(particle), step };
                 }
             },
             || {
-                links.resize(total, Link { parent: NONE, holders: 0 });
+                links.fill_to(total, &Link { parent: NONE, holders: 0 });
                 for (&parent, &tip) in former_tips.iter().zip(tips) {
                     // The particle moves from the old tip to the new node, which holds the old tip in its stead.
                     links[tip as usize] = Link { parent, holders: 1 };
@@ -263,6 +266,28 @@ mod tests {
             check(&forest);
         }
         assert_eq!(PathForest::<Pose>::new(1).poses_at(0, &[0]), None);
+    }
+
+    #[test]
+    fn a_copy_goes_on_alone_and_shares_the_past() {
+        let steps = 20_000;
+        let ancestors = |step: usize| if step.is_multiple_of(3) { [1, 1, 0] } else { [0, 1, 2] };
+        let go_on = |forest: &mut PathForest, from: usize, offset: f64| {
+            for step in from..from + 50 {
+                forest.extend(step as f64, &Workers::default(), |i| Pose::new(step as f64, i as f64 + offset, 0.0));
+                forest.resample(&ancestors(step));
+            }
+        };
+        let mut ours = PathForest::new(3);
+        (0..steps).step_by(50).for_each(|from| go_on(&mut ours, from, 0.0));
+        let (mut theirs, before) = (ours.clone(), ours.path(0));
+        go_on(&mut ours, steps, 0.5);
+        assert_eq!(theirs.path(0), before);
+        go_on(&mut theirs, steps, 0.5);
+        assert_eq!(theirs.path(2), ours.path(2));
+        // Of each list the end was copied, and begun where that was full, however many steps there are.
+        let copied = ours.nodes.own_chunks() + ours.links.own_chunks() + ours.stamps_s.own_chunks();
+        assert!(copied <= 6, "{copied} chunks");
     }
 
     #[test]
