@@ -17,6 +17,8 @@ from fastslam.datasets import load, write_native
 from fastslam.errors import ConfigError, DataError
 from fastslam.evaluation import evaluate, evaluate_run
 from fastslam.log import Log
+from fastslam.plots.chart import plot_chart
+from fastslam.plots.style import new_figure
 from fastslam.result import LandmarkMap, RunResult
 from fastslam.resultfiles import read_result, write_result
 from fastslam.simulation import presets, simulate
@@ -185,6 +187,21 @@ def test_the_map_is_drawn_in_the_colours_of_its_classes_without_the_provisional_
     assert len(groups["landmark, blue"].mean_m) == blue - 1
     assert class_color("large orange cone", 0) == "#ffa500"
     assert class_color("oak", 0) != class_color("elm", 1)
+
+
+def test_a_kept_map_is_drawn_in_the_colours_of_its_classes() -> None:
+    chart = make_run(landmarks=coloured_map()).map
+    first, *others = chart.role
+    axis = plot_chart(new_figure(6.0, 4.0).add_subplot(), replace(chart, role=("fixed", *others)))
+    by_label = {str(line.get_label()): line for line in axis.get_lines()}
+    plain = chart.landmarks.class_name(0) or "class unknown"
+    assert by_label[f"fixed, {plain}"].get_marker() == "s" and len(by_label) == 4 and first == "prior"
+    for name in ("blue", "yellow"):
+        line = by_label[f"prior, {name}"]
+        expected = [n for n in map(chart.landmarks.class_name, range(1, len(chart.role))) if n == name]
+        assert line.get_color() == class_color(name, 0) and len(line.get_xdata()) == len(expected) > 0
+    edges = axis.collections[0].get_edgecolor()
+    assert len(np.unique(edges, axis=0)) == 3 and len(edges) == len(chart.role)
 
 
 def test_provisional_landmarks_do_not_count_in_the_evaluation() -> None:

@@ -14,6 +14,7 @@ import fastslam as package
 import numpy as np
 import pytest
 from cli_runner import fastslam
+from fastslam import Map
 from fastslam.datasets import load
 from fastslam.datasets.bag import list_topics
 from fastslam.datasets.bag_messages import planar
@@ -440,6 +441,17 @@ def test_export_writes_what_the_name_says(tmp_path: Path) -> None:
     assert fastslam("export", out, tmp_path / "l.csv", "--path", "live").exit_code == 0
     assert (tmp_path / "l.csv").read_text() != (tmp_path / "a.csv").read_text()
     assert fastslam("export", out, tmp_path / "l.csv", "--path", "best").exit_code == 2
+    outcome = fastslam("export", out, tmp_path / "Trees_Map.csv")
+    chart = read_result(out).map
+    assert f"{len(chart.role)} landmarks; --path" in outcome.stdout
+    assert Map.load(tmp_path / "Trees_Map.csv").landmarks.ids == chart.landmarks.ids
+    fastslam("export", out, tmp_path / "map.csv", "--path", "live")
+    assert (tmp_path / "map.csv").read_text() == (tmp_path / "l.csv").read_text()
+    chart.save(tmp_path / "yard.map")
+    for source in ("yard.map", "Trees_Map.csv"):
+        fastslam("export", tmp_path / source, tmp_path / "b.csv").assert_one_line_error(
+            exit_code=1, contains="`fastslam map export` is for maps"
+        )
     assert len(read_messages(tmp_path / "a.mcap")["/pose"]) > 10
     shapes = json.loads((tmp_path / "a.geojson").read_text())["features"]
     assert [shape["geometry"]["type"] for shape in shapes].count("LineString") == 1

@@ -124,6 +124,9 @@ def test_only_log_below_a_folder_stands_for_it(tmp_path: Path) -> None:
     write(tmp_path / "unpacked" / "__MACOSX" / "MRCLAM_Dataset3", layout("Robot1_{}.dat"))
     log = load(tmp_path / "unpacked")
     assert log.name == "MRCLAM_Dataset3_robot1" and log.source.endswith("MRCLAM_Dataset3")
+    # Nobody has to guess which one it was.
+    assert log.notes[0] == f"read {log.source}, the only log in {tmp_path / 'unpacked'}"
+    assert not any(note.startswith("read ") for note in load(log.source).notes)
 
 
 def test_folder_of_several_logs_lists_them(tmp_path: Path) -> None:

@@ -119,7 +119,7 @@ def test_the_map_is_kept_or_extended_as_asked() -> None:
     assert not np.allclose(extended.landmarks.mean_m[0], chart.landmarks.mean_m[0], rtol=0.0, atol=1e-9)
 
 
-def test_the_commands(tmp_path: Path) -> None:
+def test_the_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log, folder, chart = _log(11), tmp_path / "log", tmp_path / "yard.map"
     write_native(log, folder)
     common = ("--set", "filter.particles=20", "--association", "unknown", "--no-report")
@@ -140,10 +140,15 @@ def test_the_commands(tmp_path: Path) -> None:
     for kind in ("csv", "geojson", "g2o"):
         out = tmp_path / f"x.{kind}"
         assert fastslam("map", "export", chart, "--to", kind, "--out", out).exit_code == 0 and out.exists()
+    monkeypatch.chdir(tmp_path)
+    assert fastslam("map", "export", "x.csv", "--to", "geojson").stdout == "x.geojson\n"
+    fastslam("map", "export", "x.csv").assert_one_line_error(exit_code=2, contains="x.csv is the map itself")
     outcome = fastslam(
-        *("localize", folder, "--map", chart, "--start", "anywhere", "--out", tmp_path / "c", *common)
+        *("localize", folder, "--map", chart, "--start", "anywhere", "--out", tmp_path / "c", *common),
+        "--figures",
     )
     assert outcome.exit_code == 0 and "start: anywhere; found after" in outcome.stdout, outcome.stderr
+    assert (tmp_path / "c" / "map.png").stat().st_size > 5000
     outcome = fastslam("localize", folder, "--map", chart, "--out", tmp_path / "d", *common)
     assert outcome.exit_code == 0 and "start: the initial_pose of the settings" in outcome.stdout
     fastslam("localize", folder, "--map", chart, "--start", "1,2").assert_one_line_error(

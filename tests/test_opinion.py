@@ -164,6 +164,25 @@ def test_a_second_run_is_due_where_chance_may_err_and_it_costs_seconds(log: Log)
     assert not is_second_run_due(log, configure(log, UNKNOWN, {"filter": {"particles": 10**5}}))
 
 
+def test_known_identities_over_a_log_without_names_are_run_and_judged_as_unknown(log: Log) -> None:
+    nobody = np.full(len(log.sightings.stamp_s), -1, dtype=np.int64)
+    nameless = dataclasses.replace(
+        log, sightings=dataclasses.replace(log.sightings, identity=nobody), identity_names=()
+    )
+    assert is_second_run_due(nameless, configure(nameless, {}))
+    known = {"association": {"mode": "known"}, "filter": {"particles": 10}}
+    result, plain = run(nameless, known), run(nameless, UNKNOWN)
+    assert result.config == plain.config and result.verdict == plain.verdict
+    np.testing.assert_array_equal(result.smoothed.T_world_robot, plain.smoothed.T_world_robot)
+    added = set(result.warnings) - set(plain.warnings)
+    assert len(added) == 1 and "no sighting of the log names a landmark" in added.pop()
+    # Nobody stated it, or one sighting has a name: nothing to say.
+    assert run(nameless, {"filter": {"particles": 10}}).warnings == plain.warnings
+    nobody[0] = 0
+    named = dataclasses.replace(nameless, identity_names=("oak",))
+    assert configure(named, known)["association"]["mode"] == "known"
+
+
 def test_the_tries_are_kept_in_the_results_and_one_run_is_had_for_the_asking(tmp_path: Path) -> None:
     made = ("simulate", tmp_path / "log", "--seed", "1", "--landmarks", "20", "--set", "max_duration_s=15")
     assert fastslam(*made).exit_code == 0

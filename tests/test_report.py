@@ -66,6 +66,16 @@ def test_figures_are_written_as_png(tmp_path: Path) -> None:
         assert width == 1200 and height >= 400
 
 
+def test_drawing_logs_nothing(caplog: pytest.LogCaptureFixture) -> None:
+    # Limits that are fixed under an equal scale are told by Matplotlib to be ignored.
+    figures = make_figures(make_run(), make_log())
+    for figure in figures.values():
+        render(figure, "png")
+    left, right = figures["map"].axes[0].get_xlim()
+    assert right - left > 1.0 and len(figures) == len(NAMES)
+    assert [record.getMessage() for record in caplog.records] == []
+
+
 def test_the_same_run_gives_the_same_bytes() -> None:
     first, second = (make_figures(make_run(), make_log())["error"] for _ in range(2))
     assert render(first, "svg") == render(second, "svg")

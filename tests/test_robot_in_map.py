@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from fastslam.health import HealthStatus, health_summary
 from fastslam.live import live
 from fastslam.localisation import between
 from fastslam.log import Log
+from fastslam.lost import Lost
 from fastslam.resultfiles import read_result
 from fastslam.robot import Robot, Step
 from fastslam.simulation import simulate
@@ -161,6 +163,29 @@ def test_live_keeps_a_map_when_asked(log: Log, chart: Map, tmp_path: Path) -> No
         timeout=60,
     )
     assert done.stderr.startswith("start: anywhere") and done.returncode == 0
+
+
+def test_a_robot_that_is_itself_again_at_the_last_of_several_steps_is_not_lost() -> None:
+    def step(stamp_s: float, health: str) -> Any:
+        return SimpleNamespace(
+            stamp_s=stamp_s, info=SimpleNamespace(health=health, health_reasons=("innovations_too_large",))
+        )
+
+    away = [step(second, "lost") for second in (1.0, 2.0, 3.5)]
+    assert Lost().is_settled(away)
+    # Rows that waited for others give several steps at once.
+    lost = Lost()
+    assert not lost.is_settled([*away, step(4.0, "ok")]) and lost.since_s is None
+    assert not lost.is_settled([step(4.5, "lost")]) and lost.is_settled([step(6.5, "lost")])
+
+
+def test_a_robot_that_was_never_found_says_so_when_the_drive_is_over(chart: Map) -> None:
+    robot = Robot(UNKNOWN, map=chart, start=Anywhere())
+    robot.odometry(0.0, [0.0, 0.0])
+    robot.sightings(0.1, range_m=[2.0], bearing_rad=[0.3])
+    robot.end()
+    with pytest.raises(DataError, match="the robot was not found in its map"):
+        _ = robot.pose
 
 
 def test_a_robot_finds_itself_and_is_silent_until_then(log: Log, chart: Map) -> None:
@@ -304,9 +329,9 @@ def test_a_robot_that_is_carried_away_is_searched_for_again(seed: int) -> None:
     away = carried(log, 20.0, 45.0)
     first = driven(robot, away, until_s=23.0)
     assert robot.searching and first[-1].info.health == "lost" and first[-1].stamp_s < 23.0
-    with pytest.raises(DataError, match="still searched for"):
-        _ = robot.pose
     robot = pickle.loads(pickle.dumps(robot))
+    with pytest.raises(DataError, match=r"lost since stamp 20\.\d\d s and searched for in its map again"):
+        _ = robot.pose
     later = driven(robot, between(away, 23.0, math.inf))
     assert not robot.searching and later[-1].info.health == "ok"
     truth = log.truth_trajectory

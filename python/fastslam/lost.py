@@ -27,16 +27,16 @@ class Lost:
     since_s: float | None = None
 
     def is_settled(self, steps: Sequence[Step]) -> bool:
-        """Takes further steps; whether it has been lost for too long by now."""
+        """Takes further steps; whether after the last one it has been lost for too long."""
+        settled = False
         for step in steps:
             lost = step.info.health == "lost" and not _ELSEWHERE.isdisjoint(step.info.health_reasons)
             if not lost:
                 self.since_s = None
             elif self.since_s is None:
                 self.since_s = step.stamp_s
-            elif step.stamp_s - self.since_s >= LOST_S:
-                return True
-        return False
+            settled = self.since_s is not None and step.stamp_s - self.since_s >= LOST_S
+        return settled
 
 
 def lost_since_s(steps: Steps) -> float | None:

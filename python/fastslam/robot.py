@@ -190,14 +190,14 @@ class Robot:
         with core_errors():
             self._stream.begin(columns, core_start(start))
 
-    def _begin_search(self) -> None:
+    def _begin_search(self, was_lost_s: float | None = None) -> None:
         from .searching import RobotSearch
 
         if self._chart is None:
             raise DataError("start: anywhere needs a map to be found in")
         if self._scanner is not None:
             raise DataError("start: anywhere needs sightings; with a scanner, detect them first")
-        self._search = RobotSearch(self._chart, self.config)
+        self._search = RobotSearch(self._chart, self.config, was_lost_s=was_lost_s)
 
     def _begin(self, stream: _core.Stream, *, names: Sequence[str] = (), classes: Sequence[str] = ()) -> None:
         self._stream = stream
@@ -581,7 +581,7 @@ class Robot:
         steps = self._computed()
         if self._search is None:
             if self._chart is not None and self._lost.is_settled(steps):
-                self._search_anew()
+                self._search_anew(was_lost_s=self._lost.since_s)
             return became, steps
         due = self._step is not None and self._search.is_due(self._step.stamp_s)
         return became, self._searched(self._search) if due else ()
@@ -591,7 +591,7 @@ class Robot:
         start = search.look(self._stream, self._names()[:2])
         if start is None:
             if search.has_given_up:
-                self._search_anew()
+                self._search_anew(was_lost_s=search.was_lost_s)
             return ()
         self._renew_stream()
         self._search, self._unexplained = None, 0
@@ -603,9 +603,9 @@ class Robot:
             steps += self._computed()
         return tuple(steps)
 
-    def _search_anew(self) -> None:
+    def _search_anew(self, *, was_lost_s: float | None = None) -> None:
         """Looks for the robot from the next row on."""
-        self._begin_search()
+        self._begin_search(was_lost_s)
         self._renew_stream()
 
     def _renew_stream(self) -> None:
@@ -636,8 +636,14 @@ class Robot:
             steps.append(Step(stamp_s, mean, symmetric(covariance), info))
 
     def _check_found(self) -> None:
-        if self._search is not None:
-            raise DataError("the robot is still searched for in its map: see `searching` and `modes`")
+        if self._search is None:
+            return
+        if self._ended:
+            raise DataError("the robot was not found in its map: `modes` says where it may be")
+        if self._search.was_lost_s is not None:
+            since = f"lost since stamp {self._search.was_lost_s:.2f} s and searched for in its map again"
+            raise DataError(f"the robot is {since}: see `searching` and `modes`")
+        raise DataError("the robot is still searched for in its map: see `searching` and `modes`")
 
     def _check_going_on(self) -> None:
         if self._ended:

@@ -60,7 +60,8 @@ def configure(log: Log, *layers: Layer) -> Config:
     """The effective configuration: `layers` over the log's own settings over the defaults.
 
     A log's own settings of association are for particles: with `algorithm: ekf` only its gates count. How far
-    the sensor sees is learned from the log where nothing states it (`reach_seen_m`).
+    the sensor sees is learned from the log where nothing states it (`reach_seen_m`). Where no sighting has a
+    name, `association.mode` is unknown, whatever is stated: that is how they are taken.
 
     Errors: `ConfigError`; for the log's own settings the message names the log.
     """
@@ -73,6 +74,8 @@ def configure(log: Log, *layers: Layer) -> Config:
     if not sensor_names(complete) and "max_range_m" not in merge(own, *layers).get("sensor", {}):
         complete = Config.resolve(complete, {"sensor": {"max_range_m": reach_seen_m(log, complete)}})
     with_detector(log, complete)
+    if complete["association"]["mode"] == "known" and _has_no_names(log, complete):
+        return Config.resolve(complete, {"association": {"mode": "unknown"}})
     return complete
 
 
@@ -106,6 +109,26 @@ def _farthest_m(stamp_s: Floats, range_m: Floats) -> float:
         again[other:] |= both
         again[:-other] |= both
     return float(far_m[again].max(initial=range_m[range_m <= limit_m].max()))
+
+
+def _has_no_names(log: Log, config: Config) -> bool:
+    """Whether no sighting says which landmark it is of, and the filter can do without."""
+    identity = log.sightings.identity
+    return (
+        config["sensor"]["model"] in ("range_bearing", "bearing")
+        and bool(len(identity))
+        and not (identity >= 0).any()
+    )
+
+
+def _names_missed(log: Log, config: Config, *layers: Layer) -> tuple[str, ...]:
+    """A sentence where settings state known identities, and the log has none."""
+    stated = merge(own_settings(log), *layers).get("association", {}).get("mode")
+    if stated != "known" or config["association"]["mode"] == "known":
+        return ()
+    return (
+        "association.mode = known is stated, but no sighting of the log names a landmark: run as unknown",
+    )
 
 
 def refuse_ranges_alone(config: Mapping[str, Any], who: str) -> None:
@@ -234,6 +257,8 @@ def run(
     except RuntimeError as error:
         raise NumericalError(str(error)) from None
     result = result_of(columns, log, configuration, given, adapter)
+    missed = _names_missed(log, configuration, config or {})
+    result = replace(result, warnings=(*result.warnings, *missed))
     if checkpoints is not None:
         result = replace(result, warnings=(*result.warnings, *checkpoints.warnings))
         if not result.interrupted:

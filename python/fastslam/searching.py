@@ -28,6 +28,8 @@ class RobotSearch:
     window_s: float = FIRST_WINDOW_S
     found: tuple[Mode, ...] = ()
     """Where it may have been when the search began."""
+    was_lost_s: float | None = None
+    """Stamp since which it was lost in the map, where that is why it is searched for."""
     _search: Search | None = None
 
     def is_due(self, stamp_s: float) -> bool:
@@ -74,7 +76,8 @@ class RobotSearch:
 
     def to_json(self) -> dict[str, Any]:
         """What a snapshot needs to go on, but for the map."""
-        return {"rows": [row.to_json() for row in self.rows], "window_s": self.window_s}
+        rows = [row.to_json() for row in self.rows]
+        return {"rows": rows, "window_s": self.window_s, "was_lost_s": self.was_lost_s}
 
     @property
     def _begin_s(self) -> float:
@@ -134,7 +137,8 @@ def chart_of_json(kept: dict[str, Any]) -> Map:
 
 def search_of_json(kept: dict[str, Any], chart: Map, config: Config) -> RobotSearch:
     """The search that a snapshot holds."""
-    return RobotSearch(chart, config, [Row.of_json(row) for row in kept["rows"]], kept["window_s"])
+    rows, was_lost_s = [Row.of_json(row) for row in kept["rows"]], kept.get("was_lost_s")
+    return RobotSearch(chart, config, rows, kept["window_s"], was_lost_s=was_lost_s)
 
 
 def note(**facts: Any) -> str:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import ConfigError
+from ..errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from ..result import RunResult
 
 _FORMATS = (".mcap", ".tum", ".geojson", ".csv")
+_OF_LANDMARKS = {"map", "landmark", "landmarks"}
+"""A word of these in the name of a table asks for the landmarks."""
 
 
 def export_results(
@@ -26,31 +32,53 @@ def export_results(
 
     An .mcap holds messages of ROS 2 that viewers show: pose with covariance, transforms, path, and markers
     of the landmarks. A .tum file holds the smoothed path, and so does
-    a .csv, for spreadsheets: stamp_s, x_m, y_m, heading_rad. GeoJSON holds metres of the run's world, not
-    longitude and latitude.
+    a .csv, for spreadsheets: stamp_s, x_m, y_m, heading_rad. A .csv with the word map or landmarks in its
+    name holds the landmarks, unless --path is given. GeoJSON holds metres of the run's world, not
+    longitude and latitude. A kept map is exported by `fastslam map export`.
 
     \b
     Examples:
       fastslam export results/latest drive.mcap
       fastslam export results/latest path.tum
       fastslam export results/latest path.csv --path live
+      fastslam export results/latest trees_map.csv
       fastslam export results/latest map.geojson
     """
     if out.suffix not in _FORMATS:
         raise ConfigError(f"OUT: got {out}, expected a name that ends with {', '.join(_FORMATS)}")
-    from ..resultfiles import read_result, to_json, write_atomically
+    from ..resultfiles import read_result
 
     if path not in (None, "live", "smoothed"):
         raise ConfigError(f"--path: got {path}, expected live or smoothed")
+    _refuse_a_map(results)
     result = read_result(results)
-    chosen = result.path if path is None else result.trajectory if path == "live" else result.smoothed
+    typer.echo(f"{out}: {_written(result, out, path)}")
+
+
+def _refuse_a_map(results: Path) -> None:
+    """Errors: `DataError` for a map where results are meant, with the command for it."""
+    if (results / "map.yaml").is_file() or (results.is_file() and results.suffix.lower() == ".csv"):
+        raise DataError("is no folder of results; `fastslam map export` is for maps", results)
+
+
+def _written(result: RunResult, out: Path, path: str | None) -> str:
+    """Writes what the name of the file says, and says what it holds."""
+    from ..resultfiles import to_json, write_atomically
+
+    landmarks = f"{len(result.landmarks.ids):,} landmarks"
     if out.suffix == ".mcap":
         result.to_mcap(out)
-        held = f"{len(result.trajectory.stamp_s):,} poses, {len(result.landmarks.ids):,} landmarks"
-    elif out.suffix in (".tum", ".csv"):
-        write_atomically(out, chosen.to_tum() if out.suffix == ".tum" else chosen.to_csv())
-        held = f"{len(chosen.stamp_s):,} poses"
-    else:
+        return f"{len(result.trajectory.stamp_s):,} poses, {landmarks}"
+    if out.suffix == ".geojson":
         write_atomically(out, to_json(result.to_geojson(coordinates="local_metres")))
-        held = f"{len(result.landmarks.ids):,} landmarks and the path, in metres"
-    typer.echo(f"{out}: {held}")
+        return f"{landmarks} and the path, in metres"
+    words = set(re.findall("[a-z]+", out.stem.lower()))
+    if out.suffix == ".csv" and path is None and words & _OF_LANDMARKS:
+        from ..mapfiles import exported
+
+        chart = result.map
+        write_atomically(out, exported(chart, "csv"))
+        return f"{len(chart.role):,} landmarks; --path live or smoothed writes poses"
+    chosen = result.path if path is None else result.trajectory if path == "live" else result.smoothed
+    write_atomically(out, chosen.to_tum() if out.suffix == ".tum" else chosen.to_csv())
+    return f"{len(chosen.stamp_s):,} poses"

@@ -14,6 +14,7 @@ from .encoding import print_json
 from .errors import RUN_FAILED, refuse_unsound
 from .options import (
     ConfigFile,
+    Figures,
     Format,
     Json,
     LogPath,
@@ -64,6 +65,7 @@ def localize_log(
         Path | None, typer.Option(metavar="FOLDER", help="Where --extend leaves the map.")
     ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write the numbers only.")] = False,
+    figures: Figures = False,
     strict: Strict = False,
     json: Json = False,
 ) -> None:
@@ -101,7 +103,7 @@ def localize_log(
     with progress_bar(log.name) as advance:
         found = localize(log, chart, start=begin, config=merge(*layers), keep=not extend, progress=advance)
     reference = LogReference(path, log.format, robot, run, topics)
-    written = _written(found, log, reference, out, report=not no_report)
+    written = _written(found, log, reference, out, report=not no_report, figures=figures)
     if map_out is not None and found.result is not None and found.status == "found":
         found.result.map.save(map_out)
     if json:
@@ -115,7 +117,7 @@ def localize_log(
 
 
 def _written(
-    found: Localisation, log: Any, reference: LogReference, out: Path | None, *, report: bool
+    found: Localisation, log: Any, reference: LogReference, out: Path | None, *, report: bool, figures: bool
 ) -> tuple[Path, Any] | None:
     """The folder of the results and their metrics; None where there are none."""
     from ..outputs import write_outputs
@@ -125,7 +127,7 @@ def _written(
     if found.result is None:
         return None
     folder = prepare_folder(out)
-    metrics = write_outputs(found.result, log, folder, report=report)
+    metrics = write_outputs(found.result, log, folder, report=report, figures=figures)
     write_log_reference(folder, reference)
     return folder, metrics
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import ConfigError
 from .console import make_table, stdout
 from .encoding import print_json
 from .options import Json
@@ -60,7 +61,7 @@ def map_draw(
     path: MapPath,
     out: Annotated[Path, typer.Option(help="The picture; its ending says which kind.")] = Path("map.png"),
 ) -> None:
-    """Draw the landmarks with ellipses of 2σ; fixed ones are squares.
+    """Draw the landmarks with ellipses of 2σ in the colours of their classes; fixed ones are squares.
 
     \b
     Examples:
@@ -223,8 +224,12 @@ def map_export(
     from ..maps import Map
     from ..resultfiles import write_atomically
 
-    target = out if out is not None else Path(f"{path.name.removesuffix('.map')}.{to}")
-    typer.echo(write_atomically(target, exported(Map.load(path), to)))
+    text = exported(Map.load(path), to)
+    stem = path.name.removesuffix(".map") if path.is_dir() else path.stem
+    target = out if out is not None else Path(f"{stem}.{to}")
+    if target.exists() and target.samefile(path):
+        raise ConfigError(f"--out: {target} is the map itself, name another file")
+    typer.echo(write_atomically(target, text))
 
 
 def _shown(value: Any) -> str:

@@ -60,6 +60,9 @@ StartStd: TypeAlias = Annotated[
     str | None,
     typer.Option("--start-std", metavar="X,Y,HEADING", help="Standard deviations of the start (m, m, rad)."),
 ]
+Figures: TypeAlias = Annotated[
+    bool, typer.Option("--figures", help="Write the pictures of the report as PNG files too (a second more).")
+]
 
 
 def start_given(start: str | None, std: str | None) -> StartLike:

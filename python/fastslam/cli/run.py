@@ -20,6 +20,7 @@ from .encoding import print_json
 from .errors import RUN_FAILED, refuse_unsound
 from .options import (
     ConfigFile,
+    Figures,
     Format,
     Json,
     LogPath,
@@ -99,9 +100,6 @@ BestOf = Annotated[
     ),
 ]
 NoReport = Annotated[bool, typer.Option("--no-report", help="Write the numbers only, no pictures.")]
-Figures = Annotated[
-    bool, typer.Option("--figures", help="Write the pictures of the report as PNG files too (a second more).")
-]
 
 
 def run_log(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from .._hints import does_not_exist, meant, of_our_own
@@ -165,7 +165,7 @@ def load(
     when the path does not exist, no format fits, the format does not know an option, or a file is at fault.
     A folder that is no log and holds exactly one below it stands for that one.
     """
-    path = Path(path)
+    path = given = Path(path)
     if not path.exists():
         raise DataError(does_not_exist(path), path)
     from ..space.reading import matches as space_format  # which reads with the tables of this package
@@ -180,7 +180,10 @@ def load(
     for option in options.given():
         if option not in chosen.options:
             raise DataError(f"logs of format {chosen.name} know no option {option}", path)
-    return chosen.load(path, options)
+    log = chosen.load(path, options)
+    if path == given:
+        return log
+    return replace(log, notes=(f"read {path}, the only log in {given}", *log.notes))
 
 
 def _by_name(name: str, path: Path) -> DatasetFormat:

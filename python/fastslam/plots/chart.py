@@ -3,53 +3,55 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
-from ..charts.map import ELLIPSE_SIGMAS
+from ..charts.map import ELLIPSE_SIGMAS, ellipse_axes
+from ..charts.palette import LANDMARK, class_color
 from ..errors import DataError
 from ..maps import Map
-from . import style
 
 MOST_NAMES = 60
 """More landmarks than this are drawn without their ids."""
 
 
 def plot_chart(axis: Axes, chart: Map) -> Axes:
-    """Landmarks with their ellipses in the map's frame; fixed ones are squares."""
+    """Landmarks with their ellipses in the map's frame, in the colours of their classes.
+
+    Fixed ones are squares.
+    """
     landmarks = chart.landmarks
-    fixed = np.array([role == "fixed" for role in chart.role], dtype=bool)
-    for chosen, marker, label in ((~fixed, "o", "prior"), (fixed, "s", "fixed")):
-        if chosen.any():
-            places = landmarks.mean_m[chosen]
-            axis.plot(*places.T, marker, color=style.LANDMARK, markersize=4, linestyle="none", label=label)
-    values, vectors = np.linalg.eigh(landmarks.covariance_m2) if len(fixed) else (np.zeros((0, 2)), None)
-    if vectors is not None:
-        size_m = 2.0 * ELLIPSE_SIGMAS * np.sqrt(np.maximum(values, 0.0))
-        angle = np.degrees(np.arctan2(vectors[:, 1, 1], vectors[:, 0, 1]))
+    names = [landmarks.class_name(row) for row in range(len(landmarks.ids))]
+    known = sorted({name for name in names if name})
+    color_of = {"": LANDMARK} | {name: class_color(name, number) for number, name in enumerate(known)}
+    for name, role in sorted(set(zip(names, chart.role, strict=True))):
+        rows = [pair == (name, role) for pair in zip(names, chart.role, strict=True)]
+        label = f"{role}, {name or 'class unknown'}" if known else role
+        look: dict[str, Any] = {"marker": "s" if role == "fixed" else "o", "linestyle": "none"}
+        axis.plot(*landmarks.mean_m[rows].T, color=color_of[name], markersize=4, label=label, **look)
+    if names:
+        major, minor, angle = ellipse_axes(landmarks.covariance_m2)
+        look = {"facecolors": "none", "edgecolors": [color_of[name] for name in names]}
         axis.add_collection(
             EllipseCollection(
-                size_m[:, 1],
-                size_m[:, 0],
-                angle,
+                *(major, minor, angle),
                 units="xy",
                 offsets=landmarks.mean_m,
-                transOffset=axis.transData,
-                facecolors="none",
-                edgecolors=style.LANDMARK,
+                offset_transform=axis.transData,
+                **look,
             )
         )
-    if len(fixed) <= MOST_NAMES:
+    if len(names) <= MOST_NAMES:
         for name, place in zip(landmarks.ids, landmarks.mean_m, strict=True):
             axis.annotate(name, place, xytext=(3, 3), textcoords="offset points", fontsize=7)
     axis.set_aspect("equal", adjustable="datalim")
     axis.set(
-        xlabel="x (m)", ylabel="y (m)", title=f"{chart.name}: {len(fixed):,} landmarks, {ELLIPSE_SIGMAS:g}σ"
+        xlabel="x (m)", ylabel="y (m)", title=f"{chart.name}: {len(names):,} landmarks, {ELLIPSE_SIGMAS:g}σ"
     )
-    if len(fixed):
+    if len(names):
         axis.legend(loc="best")
     return axis
 

@@ -43,8 +43,9 @@ def draw_panel(axis: Axes, panel: Panel) -> Axes:
     if panel.y_log:
         axis.set_yscale("log")
     handles = [_DRAWN[type(mark)](axis, mark) for mark in panel.marks]
-    axis.set_xlim(panel.x_range)
-    axis.set_ylim(panel.y_range)
+    # Limits that are fixed would be widened by an equal scale all the same, with a complaint in the log.
+    axis.set_xlim(panel.x_range, auto=panel.equal)
+    axis.set_ylim(panel.y_range, auto=panel.equal)
     if panel.equal:
         axis.set_aspect("equal", adjustable="datalim")
         is_wide = not isinstance(axis.figure, Figure) or axis.figure.get_figwidth() > _WIDE_IN
