@@ -1,7 +1,10 @@
 //! What merging remembers of landmarks.
 
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 use serde::{Deserialize, Serialize};
+
+/// With fewer pairs than this none is looked for of which a landmark is gone.
+const FEW_PAIRS: usize = 4096;
 
 /// What merging remembers.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -13,6 +16,9 @@ pub struct Merger {
     /// Of the landmarks that the best particle sighted; kept for its memory.
     #[serde(skip)]
     births: Vec<u64>,
+    /// Pairs from which on those are looked for of which a landmark is gone.
+    #[serde(skip)]
+    crowded: usize,
 }
 
 impl Merger {
@@ -25,6 +31,18 @@ impl Merger {
             births[..place].iter().for_each(|b| self.note(*a, *b, 1));
         }
         self.births = births;
+    }
+
+    /// Whether there are so many pairs that those of landmarks that are gone should be forgotten.
+    pub fn is_crowded(&self) -> bool {
+        self.together.len() >= self.crowded.max(FEW_PAIRS)
+    }
+
+    /// Forgets all pairs but those of landmarks of these births, which some map holds: nobody asks for others again.
+    pub fn forget_all_but(&mut self, held: &FxHashSet<u64>) {
+        self.together.retain(|(a, b), _| held.contains(a) && held.contains(b));
+        self.together.shrink_to_fit();
+        self.crowded = 2 * self.together.len();
     }
 
     /// They were sighted together in so many more scans.
@@ -69,6 +87,22 @@ impl Merger {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pairs_of_landmarks_that_are_gone_are_forgotten() {
+        let mut merger = Merger::default();
+        let kept = 30;
+        for step in 0..20_000 {
+            // Thirty that stay, of which ten are seen, and a false one.
+            let sighted = (0..10).map(|k| (step + k) % kept).chain([kept + step]);
+            merger.note_all(sighted);
+            if merger.is_crowded() {
+                merger.forget_all_but(&(0..kept).chain([kept + step]).collect());
+            }
+            assert!(merger.together.len() <= FEW_PAIRS + 10, "{step}: {} pairs", merger.together.len());
+        }
+        assert!(merger.together(0, 9) > 600 && merger.together(kept + 5, 5) == 0);
+    }
 
     #[test]
     fn what_was_seen_together_stays_so_under_another_name() {

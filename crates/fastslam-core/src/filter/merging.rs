@@ -74,6 +74,10 @@ impl<'a> Unions<'a> {
         let slots = claims.of(particles.best()).iter().enumerate().filter_map(slot);
         // What was removed since has no birth.
         self.merger.note_all(slots.filter_map(|slot| landmarks.slot(slot)).map(|slot| slot.birth));
+        if self.merger.is_crowded() {
+            let held = landmarks.live_slots().into_iter().map(|slot| landmarks.birth(slot)).collect();
+            self.merger.forget_all_but(&held);
+        }
     }
 
     /// Merges what means one thing near the sightings of a scan; returns how many the best particle held twice.
