@@ -49,7 +49,15 @@ from fastslam.tuning.motion import DISTANCE as DISTANCE_GAIN
 from fastslam.tuning.motion import links, motion_parameters, nested, noise_parts
 from fastslam.tuning.noise import _log_likelihood
 from fastslam.tuning.problem import DRAWS, Noise, Problem, Rows, linearised, moved_by
-from fastslam.tuning.session import _better, _is_clearer, _Session, _widen, _widen_at_once, searched
+from fastslam.tuning.session import (
+    REPEATING,
+    _better,
+    _is_clearer,
+    _Session,
+    _widen,
+    _widen_at_once,
+    searched,
+)
 
 BIAS = "sensor.range_bias_m"
 TURN, DISTANCE, DELAY_S = 0.65, 1.06, 0.3
@@ -144,6 +152,37 @@ def test_a_lasers_ranges_are_as_long_as_its_clock_is_right(ratio: float, of_rang
     assert found[0].significant != of_ranges
 
 
+def test_a_scale_off_by_more_than_a_reading_is_the_odometrys() -> None:
+    exact = {"sensor": {"range_std_m": 0.02, "bearing_std_rad": 0.004}, "motion": {"speed_std_m_per_s": 0.02}}
+    log = simulate(resolve_simulation({"seed": 3, "max_duration_s": 60.0, **exact}))
+    controls = replace(log.controls, values=log.controls.values / [1.02, 1.0])
+    found = tune(replace(log, controls=controls), UNKNOWN)
+    gain = next(value for value in found.values if value.key == DISTANCE_GAIN)
+    # Ranges of 20 mm are not 2 % too long, wheels are. Four standard errors.
+    assert gain.significant and not any(value.key == SCALE for value in found.values)
+    assert gain.value == pytest.approx(1.02, abs=4 * gain.standard_error)
+    assert found.alternative["sensor"]["range_scale"] == pytest.approx(gain.value, rel=1e-3)
+
+
+@pytest.mark.parametrize("turn", [0.02, 0.1])
+def test_the_noise_of_motion_is_found_where_the_sightings_say_much_more(turn: float) -> None:
+    motion = {"speed_std_m_per_s": 0.05, "yaw_rate_std_rad_per_s": turn}
+    told = {"motion": motion, "sensor": {"bearing_std_rad": 0.03}, "scan": {"identities": "none"}}
+    log = simulate(resolve_simulation({"seed": 5, "max_duration_s": 60.0, **told}))
+    session = _Session(log, configure(log, {}), {}, None)
+    learned = session.learned_from_tracks(session.begun())
+    found = noise_parts(log.controls, log.config["motion"])
+    per_s = sum(
+        square * float(np.mean(part.density))
+        for part, square in zip(found, learned.noise.squares, strict=True)
+        if part.axis == 2
+    )
+    row_s = float(np.median(np.diff(log.controls.stamp_s)))
+    # Of some 600 links hardly a tenth of each is told: 60 of them, 9 % at one deviation of a variance's root.
+    assert np.sqrt(per_s) == pytest.approx(turn * np.sqrt(row_s), rel=0.4)
+    assert learned.correlation < REPEATING
+
+
 @pytest.mark.slow
 def test_ranges_that_are_long_are_put_right() -> None:
     log = drive(seconds=50.0)
@@ -181,7 +220,7 @@ def in_steps(log: Log) -> Log:
 
 
 def test_a_stated_mounting_is_kept_where_the_odometry_is_half_a_step_aside() -> None:
-    log = in_steps(drive())
+    log = in_steps(drive(seconds=75.0))
     half_m = 0.5 * float(np.median(log.controls.values[:, 0]))
     for mounting in ({}, {"x_m": 0.0}):
         settings = merge(UNKNOWN, {"sensor": {"mounting": mounting}} if mounting else {})

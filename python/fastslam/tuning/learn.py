@@ -39,7 +39,10 @@ SENSOR_KNOWN = (
 )
 """In the order of the batch. The scale of ranges and the gain of the distance are one thing: see `blamed`."""
 SCALE_STD = 0.02
-"""How far ranges are off in proportion, where they are: a tape, a camera or a marker's size, not a wheel."""
+"""How far ranges are off in proportion, where they are: a tape, a camera or a marker's size, not a wheel.
+
+Less where one reading is more exact than that: who sells a sensor that reads to 3 mm a metre scales it so.
+"""
 LASER_SCALE_STD = 0.001
 """The same of a laser, whose ranges are as long as its clock is right."""
 MOST_SIGHTINGS = 12_000
@@ -248,10 +251,18 @@ def learn(
         tuple(value if value.key in held else again[value.key] for value in values),
         known,
         before,
-        scale_std=SCALE_STD if log.scans is None else LASER_SCALE_STD,
+        scale_std=_scale_std(log, stretch, noise),
         facts=stated.facts,
     )
     return _learned(stated.whole, parts, noise, values, (stretch, rows))
+
+
+def _scale_std(log: Log, stretch: Stretch, noise: Noise) -> float:
+    """How far ranges may be off in proportion: as far as one reading is; a laser, as far as its clock."""
+    if log.scans is not None:
+        return LASER_SCALE_STD
+    reading = float(np.sqrt(noise.seen[0]) / np.median(stretch.sightings.range_m))
+    return float(np.clip(reading, LASER_SCALE_STD, SCALE_STD))
 
 
 @dataclass(frozen=True)
@@ -314,7 +325,8 @@ def blamed(
     if gain is None or not gain.significant:
         return values
     ratio, prior_std = gain.value / gain.stated, known[keys.index(DISTANCE)].prior_std
-    nats = [-0.5 * ((ratio - 1) / std) ** 2 - np.log(std) for std in (scale_std, prior_std)]
+    stds = np.hypot([scale_std, prior_std], gain.standard_error / gain.stated)
+    nats = -0.5 * ((ratio - 1) / stds) ** 2 - np.log(stds)
     stated = (SCALE in facts) - (DISTANCE in facts)
     if (stated, nats[1]) > (0, nats[0]):
         return values

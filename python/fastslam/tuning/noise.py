@@ -30,7 +30,7 @@ TAIL_GAIN = 5.0
 def learned_noise(problem: Problem, rows: Rows, followed: Floats, noise: Noise, start: Noise) -> Noise:
     """The variances one step further from those under which the rows were whitened; `start` is the prior."""
     sightings = rows.seen.size
-    left = np.clip(1 - followed, 0.0, 1.0)
+    left = 1.0 - followed
     left_seen, left_moved = left[:sightings].reshape(-1, 2), left[sightings:].reshape(-1, 3)
     seen = noise.seen * _ratio(
         np.sum(rows.seen**2, axis=0), np.sum(left_seen, axis=0), start.seen / noise.seen
@@ -60,7 +60,7 @@ def change_of(problem: Problem, rows: Rows, before: Noise, after: Noise) -> floa
 
 
 def _ratio(found: Floats, expected: Floats, prior: Floats) -> Floats:
-    ratio = (found + PRIOR_ROWS * prior) / (expected + PRIOR_ROWS)
+    ratio = (found + PRIOR_ROWS * prior) / (np.maximum(expected, 0.0) + PRIOR_ROWS)
     bounded: Floats = np.clip(ratio, 1 / MOST_CHANGE, MOST_CHANGE) ** POWER
     return bounded
 

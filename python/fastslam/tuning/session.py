@@ -61,6 +61,8 @@ MOST_RUNS = 7
 AS_STATED = "as stated"
 FOLLOWING = "learning from what is seen again"
 _NAMES = dict(zip(WIDER, ("wide", "wider", "widest"), strict=True))
+GATE = 2.0
+"""Sightings are followed as if their noise was so many times what it is taken for at first."""
 REPEATING = 1.5
 """From here on errors of neighbouring sightings are said to repeat."""
 
@@ -241,11 +243,12 @@ def _search(session: _Session, stated: RunResult | None) -> Attempt:
         session.attempt_as_stated(stated)
     tracked = session.learned_from_tracks(session.begun())
     repeating = tracked.correlation > REPEATING
+    if not repeating:
+        session.attempt("from short tracks", tracked.settings, tracked)
+        repeating = session.errs_for_long()
     at_once = repeating and not session.named
     if at_once:
         _widen_at_once(session, tracked)
-    elif not repeating:
-        session.attempt("from short tracks", tracked.settings, tracked)
     if stated is None:
         session.attempt_as_stated()
     if not repeating:
@@ -354,6 +357,8 @@ class _Session:
         self._start: Noise | None = None
         self._noise: Noise | None = None
         """What short tracks taught."""
+        self._gate = wide_noise(log, config)
+        """Deviations (2,) of range and bearing by which sightings are followed."""
         self._tracks: list[tuple[Mapping[str, Any], Tracked]] = []
         """What was followed from scan to scan, by the settings that it was followed under."""
         wide = wide_noise(log, config)
@@ -363,8 +368,10 @@ class _Session:
     def attempt_again(self, best: Attempt, relearned: Learned) -> Attempt | None:
         """Runs the filter as the map of an attempt teaches: the errors alone where its noise was wide.
 
-        None where that is what another run was made with.
+        None where another run was made with that, or where errors last that its noise takes for chance.
         """
+        if relearned.correlation > REPEATING and not best.wider:
+            return None
         name = f"from the map of run {[one is best for one in self.attempts].index(True) + 1}"
         if best.wider:
             name, relearned = f"{name}, {_NAMES[best.wider]} noise", self.widened(relearned, best.wider)
@@ -413,6 +420,22 @@ class _Session:
             raise KeyboardInterrupt
         return self.attempts[-1]
 
+    def errs_for_long(self) -> bool:
+        """Whether the map of the latest run shows errors that last longer than a track; then it is worthless.
+
+        **Why:** a path follows an error that all sightings of a time share, as where one thing is in view:
+        along it they look more exact than they are, and the odometry worse. Only what comes back to them
+        another way shows that they repeat; a map under such noise is bent.
+        """
+        latest = self.attempts[-1]
+        relearned = self.learned_from_map(latest) if latest.fault is None else None
+        if relearned is None or relearned.correlation <= REPEATING:
+            return False
+        reason = "its sightings err alike for longer than its noise explains"
+        judgement = replace(latest.judgement, fault=reason, doubt=reason)
+        self.attempts[-1] = replace(latest, judgement=judgement)
+        return True
+
     def attempt_as_stated(self, made: RunResult | None = None) -> None:
         """Runs the filter with the settings stated, unless that run was `made`: the first of the attempts."""
         if made is not None:
@@ -460,6 +483,7 @@ class _Session:
         self._tell((f"{FOLLOWING} from scan to scan", None))
         self._first = config = _begun(self.config, begin)
         config, rough = errors_of(self.log, config, *self._tracked(config), stated=self._stated)
+        self._narrow(rough.noise)
         until = COARSE if rough.correlation > REPEATING and not self.named else SETTLED
         stretch, places = self._tracked(config)
         learned = learn(
@@ -467,6 +491,17 @@ class _Session:
         )
         self._noise = learned.noise
         return learned
+
+    def _narrow(self, noise: Noise) -> None:
+        """Follows sightings within GATE of the noise found from now on, where that is less than a wide one.
+
+        **Why:** a thing that goes out of sight hands its track to one beside it, if that is inside the gate:
+        two reflectors on both sides of a rack were one, and its errors repeated.
+        """
+        narrow = np.minimum(self._gate, GATE * np.sqrt(noise.seen))
+        if np.any(narrow < self._gate):
+            self._gate = narrow
+            self._tracks.clear()
 
     def problem_from_tracks(self) -> tuple[Problem, Noise]:
         """The least-squares problem of the short tracks and its first noise, before anything was learned."""
@@ -526,7 +561,7 @@ class _Session:
 
     def _scene(self, config: Mapping[str, Any], poses: Floats) -> Scene:
         seen, _ = usable_sightings(self.log, self.until_s)
-        return scene(seen, config["sensor"], poses, wide_noise(self.log, config), named=self.named)
+        return scene(seen, config["sensor"], poses, self._gate, named=self.named)
 
 
 def _begun(config: Mapping[str, Any], begin: Beginning) -> dict[str, Any]:
