@@ -7,6 +7,7 @@ use crate::resampling::follow;
 use crate::shared::Shared;
 use crate::workers::Workers;
 use serde::{Deserialize, Serialize};
+use std::cell::Cell;
 
 const NONE: u32 = u32::MAX;
 
@@ -72,16 +73,14 @@ impl<P: Copy + Default + Send + Sync> PathForest<P> {
             particles,
             || {
                 nodes.fill_to(total, &Node { pose: P::default(), step });
-                for (particle, &tip) in tips.iter().enumerate() {
-                    nodes[tip as usize] = Node { pose: pose_of(particle), step };
-                }
+                nodes.change(tips.iter().copied(), |particle, node| *node = Node { pose: pose_of(particle), step });
             },
             || {
                 links.fill_to(total, &Link { parent: NONE, holders: 0 });
-                for (&parent, &tip) in former_tips.iter().zip(tips) {
-                    // The particle moves from the old tip to the new node, which holds the old tip in its stead.
-                    links[tip as usize] = Link { parent, holders: 1 };
-                }
+                // The particle moves from the old tip to the new node, which holds the old tip in its stead.
+                links.change(tips.iter().copied(), |particle, link| {
+                    *link = Link { parent: former_tips[particle], holders: 1 };
+                });
             },
         );
     }
@@ -94,11 +93,10 @@ impl<P: Copy + Default + Send + Sync> PathForest<P> {
         follow(&mut self.tips, ancestor_indices, &mut self.former_tips);
         // Gains first, so that nothing is forgotten that is held again. Most tips keep their one particle and are not
         // looked at.
-        for (&tip, &offspring) in self.former_tips.iter().zip(&self.offspring) {
-            if offspring > 1 && tip != NONE {
-                self.links[tip as usize].holders += offspring - 1;
-            }
-        }
+        let family = || self.former_tips.iter().copied().zip(self.offspring.iter().copied());
+        let gains = || family().filter(|(tip, offspring)| *offspring > 1 && *tip != NONE);
+        let mut more = gains().map(|(_, offspring)| offspring - 1);
+        self.links.change(gains().map(|(tip, _)| tip), |_, link| link.holders += more.next().unwrap_or(0));
         self.letting_go.clear();
         let childless = self.former_tips.iter().zip(&self.offspring).filter(|(tip, n)| **n == 0 && **tip != NONE);
         self.letting_go.extend(childless.map(|(tip, _)| *tip));
@@ -138,14 +136,12 @@ impl<P: Copy + Default + Send + Sync> PathForest<P> {
     fn release(&mut self) {
         let Self { links, letting_go, free, .. } = self;
         while !letting_go.is_empty() {
-            let mut gone = 0;
-            for k in 0..letting_go.len() {
-                let index = letting_go[k];
-                let link = &mut links[index as usize];
+            let (mut gone, indices) = (0, Cell::from_mut(letting_go.as_mut_slice()).as_slice_of_cells());
+            links.change(indices.iter().map(Cell::get), |k, link| {
                 link.holders -= 1;
-                letting_go[gone] = index;
+                indices[gone].set(indices[k].get());
                 gone += usize::from(link.holders == 0);
-            }
+            });
             letting_go.truncate(gone);
             free.extend_from_slice(letting_go);
             letting_go.iter_mut().for_each(|index| *index = links[*index as usize].parent);

@@ -57,8 +57,26 @@ impl<T: Clone> Shared<T> {
 
     /// Adds copies of an entry until there are so many; none where there are more.
     pub fn fill_to(&mut self, count: usize, entry: &T) {
-        for _ in self.len()..count {
+        while let Some(missing) = count.checked_sub(self.len() + 1) {
             self.push(entry.clone());
+            if let Some(last) = self.chunks.last_mut() {
+                let full = CHUNK.min(last.len() + missing);
+                Arc::make_mut(last).resize(full, entry.clone());
+            }
+        }
+    }
+
+    /// Changes the entries at these places, one after another; `change` gets the number of each place among them.
+    ///
+    /// **Why not one by one:** whether others have a chunk is asked once for each run of places in it.
+    pub fn change(&mut self, places: impl IntoIterator<Item = u32>, mut change: impl FnMut(usize, &mut T)) {
+        let mut places = places.into_iter().map(|place| place as usize).enumerate().peekable();
+        while let Some(&(_, first)) = places.peek() {
+            let number = first / CHUNK;
+            let chunk = Arc::make_mut(&mut self.chunks[number]).as_mut_slice();
+            while let Some((k, place)) = places.next_if(|(_, place)| place / CHUNK == number) {
+                change(k, &mut chunk[place % CHUNK]);
+            }
         }
     }
 
@@ -129,6 +147,11 @@ mod tests {
         shared.fill_to(3 * CHUNK, &9);
         shared.fill_to(5, &1);
         assert_eq!((shared.len(), shared[3 * CHUNK - 1], shared[2]), (3 * CHUNK, 9, 2));
+        shared.fill_to(5 * CHUNK + 1, &8);
+        assert_eq!((shared.len(), shared[3 * CHUNK - 1], shared[3 * CHUNK]), (5 * CHUNK + 1, 9, 8));
+        let places = [0, 1, CHUNK as u32, 2, 1];
+        shared.change(places, |k, entry| *entry = 10 * *entry + k);
+        assert_eq!((shared[0], shared[1], shared[CHUNK], shared[2]), (0, 114, 72, 23));
         shared.clear();
         assert_eq!(shared.len(), 0);
     }

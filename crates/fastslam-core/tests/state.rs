@@ -140,6 +140,24 @@ fn a_copy_or_a_snapshot_taken_anywhere_goes_on_to_the_same_bits() {
 }
 
 #[test]
+fn copies_taken_while_paths_are_drawn_do_not_hurry_the_draw() {
+    let mut copies = 0;
+    for config in configurations().into_iter().filter(|config| config.filter.rejuvenation.delay_scans > 0) {
+        let filter = FastSlam::new(config.clone(), Identities::Some).unwrap();
+        let whole = go_on(filter.clone(), 0, |_, _| ());
+        let copied = go_on(filter, 0, |step, filter| {
+            // The draw is asked for in steps 15, 30 and so on, and taken over 11 steps later.
+            if (2..7).contains(&(step % 15)) {
+                drop(filter.clone());
+                copies += 1;
+            }
+        });
+        assert_eq!(whole, copied, "{config:?}");
+    }
+    assert_eq!(copies, 6 * 30);
+}
+
+#[test]
 fn a_snapshot_that_is_refused_leaves_the_filter_as_it_was() {
     let config = Config { seed: 2, ..Config::default() };
     let mut other = FastSlam::new(Config { seed: 3, ..Config::default() }, Identities::All).unwrap();

@@ -126,8 +126,11 @@ fn obey<M: Placing>(home: &Home<M>, orders: Receiver<Order<M>>, hear: &Sender<He
         let mut home = home.lock().unwrap_or_else(PoisonError::into_inner);
         match (order, home.as_mut()) {
             (Order::Take(call), Some(follower)) => follower.take(call),
-            // Whoever asked may be gone.
-            (Order::Copy(answer), Some(follower)) => drop(answer.send(follower.clone())),
+            // No call, so that none is reported as done. Whoever asked may be gone.
+            (Order::Copy(answer), Some(follower)) => {
+                drop(answer.send(follower.clone()));
+                continue;
+            }
             (Order::Forget(old), _) => {
                 drop(old);
                 continue;
@@ -156,7 +159,7 @@ struct Worker<M> {
     orders: Sender<Order<M>>,
     thread: JoinHandle<()>,
     heard: Mutex<Receiver<Heard>>,
-    /// Orders that it was given and has done, and draws that it has begun, as far as was heard.
+    /// Calls that it was given and has done, and draws that it has begun, as far as was heard.
     told: u64,
     done: u64,
     begun: u32,
