@@ -49,6 +49,7 @@ def world(seed: int) -> Laid:
     frame, landmark = np.nonzero(seen)
     count = len(frame)
     return Laid(
+        row=np.arange(count),
         stamp_s=stamp_s[frame],
         squared=rng.chisquare(2, count) * rng.choice([1.0, 4.0]),
         landmark=landmark.astype(np.int64),

@@ -10,7 +10,7 @@ import pytest
 from fastslam.detection import with_sightings
 from fastslam.evaluation import evaluate
 from fastslam.health import HealthStatus
-from fastslam.laid import Laid, laid_on_map
+from fastslam.laid import Laid, explained_apart, laid_on_map
 from fastslam.log import Floats, Log
 from fastslam.result import RunResult
 from fastslam.simulation import resolve_simulation, simulate
@@ -113,6 +113,7 @@ def scene(shown: Floats, mean_m: Floats, *, together: bool = True) -> Laid:
     stamp_s = look + (0.0 if together else 0.1) * landmark
     apart = mean_m[landmark] + 0.01 * RNG.normal(size=(len(landmark), 2))
     return Laid(
+        row=np.arange(len(look)),
         stamp_s=stamp_s,
         squared=np.zeros(len(look)),
         landmark=landmark,
@@ -122,6 +123,47 @@ def scene(shown: Floats, mean_m: Floats, *, together: bool = True) -> Laid:
         range_m=np.hypot(*apart.T),
         bearing_rad=np.arctan2(apart[:, 1], apart[:, 0]),
     )
+
+
+def test_what_one_scan_shows_beside_each_other_one_landmark_does_not_explain() -> None:
+    log = simulate({"seed": 1, "max_duration_s": 2.0})
+    sensor = {"range_std_m": 0.1, "bearing_std_rad": 0.04}
+    mean_m = np.array([[4.0, 0.0], [4.0, 0.6], [4.0, -3.0]])
+
+    def explained(
+        side_m: list[float], stamp_s: list[float], sensor_index: list[int] | None = None
+    ) -> list[bool]:
+        point_m = np.column_stack([np.full(len(side_m), 4.0), side_m])
+        log_of_them = replace(log, sightings=log.sightings[np.zeros(len(side_m), dtype=np.int64)])
+        if sensor_index is not None:
+            indices = np.array(sensor_index)
+            log_of_them = replace(log_of_them, sightings=replace(log_of_them.sightings, sensor_index=indices))
+        apart = np.abs(np.array(side_m)[:, None] - mean_m[:, 1])
+        laid = Laid(
+            row=np.arange(len(side_m)),
+            stamp_s=np.array(stamp_s),
+            squared=(apart.min(axis=1) / 0.16) ** 2,
+            landmark=apart.argmin(axis=1),
+            frame=np.zeros(len(side_m), dtype=np.int64),
+            mean_m=mean_m,
+            origin=np.zeros((len(side_m), 3)),
+            range_m=np.hypot(*point_m.T),
+            bearing_rad=np.arctan2(point_m[:, 1], point_m[:, 0]),
+        )
+        return [bool(one) for one in explained_apart(laid, log_of_them, sensor)]
+
+    # Both are nearest to one landmark; another one is near enough for the second.
+    assert explained([0.0, 0.2], [1.0, 1.0]) == [True, True]
+    # None is.
+    assert sum(explained([-3.0, -3.2], [1.0, 1.0])) == 1
+    # The first must leave the landmark that is nearest to it, so that the second has one.
+    assert explained([0.25, -0.2], [1.0, 1.0]) == [True, True]
+    assert sum(explained([0.1, 0.2, 0.3], [1.0, 1.0, 1.0])) == 2
+    # Of two scans, of two sensors.
+    assert explained([-3.0, -3.2], [1.0, 1.1]) == [True, True]
+    assert explained([-3.0, -3.2], [1.0, 1.0], [0, 1]) == [True, True]
+    # What is far from all is explained by none.
+    assert explained([-3.0, 9.0, -3.1], [1.0, 1.0, 1.1]) == [True, False, True]
 
 
 WALL = np.array([[5.0, -3.0], [2.0, 0.0], [2.0, 0.4], [5.0, 3.0], [6.0, 3.0]])

@@ -58,6 +58,7 @@ def two_laps(field_m: Floats, off: Floats | None) -> tuple[Laid, Floats]:
     mean_m = np.vstack(maps)
     stamp_s = np.concatenate([at, at + len(lap())])
     found = Laid(
+        row=np.arange(len(stamp_s)),
         stamp_s=stamp_s.astype(float),
         squared=np.zeros(2 * len(at)),
         landmark=np.concatenate(landmark),

@@ -29,11 +29,13 @@ FRAME_S = 0.02
 class Laid:
     """Sightings in order of time against the landmarks that are believed.
 
-    Shapes: `stamp_s`, `squared` (squared distance to the landmark that fits best, in the noise configured,
-    infinite where none is near), `landmark` (which one, or -1) and `frame` (S,), `mean_m` (K, 2), `origin`
-    (S, 3) the sensor's pose at each, `range_m` and `bearing_rad` (S,) less what the settings correct.
+    Shapes: `row` (S,) of each in the log, `stamp_s`, `squared` (squared distance to the landmark that fits
+    best, in the noise configured, infinite where none is near), `landmark` (which one, or -1) and `frame`
+    (S,), `mean_m` (K, 2), `origin` (S, 3) the sensor's pose at each, `range_m` and `bearing_rad` (S,) less
+    what the settings correct.
     """
 
+    row: Ints
     stamp_s: Floats
     squared: Floats
     landmark: Ints
@@ -104,7 +106,50 @@ def laid_on_map(result: RunResult, log: Log) -> Laid | None:
         squared[named] = squared_of(mean_m[own[named]], origin[named], seen_there, sensor)
         landmark[named] = own[named]
     frame = np.concatenate([[0], np.cumsum(np.diff(stamp_s) > FRAME_S)])
-    return Laid(stamp_s, squared, landmark, frame, mean_m, origin, range_m, bearing)
+    return Laid(rows, stamp_s, squared, landmark, frame, mean_m, origin, range_m, bearing)
+
+
+def explained_apart(laid: Laid, log: Log, sensor: Mapping[str, Any]) -> Bools:
+    """Which sightings (S,) some landmark explains that explains no other one of their scan.
+
+    As many as can be: what a scan shows twice is two things, however near. `sensor` holds the noise that was
+    laid with.
+    """
+    scan = _scans(laid, log)
+    own = laid.explained
+    pair = scan * len(laid.mean_m) + laid.landmark
+    _, number, taken = np.unique(pair[own], return_inverse=True, return_counts=True)
+    rows = np.flatnonzero(own & np.isin(scan, scan[own][taken[number] > 1]))
+    if len(rows):
+        own[rows] = _matched(laid, rows, scan[rows], sensor)
+    return own
+
+
+def _scans(laid: Laid, log: Log) -> Ints:
+    """Number (S,) of the scan that each sighting is of: those of a sensor with one stamp."""
+    sensor = log.sightings.sensor_index
+    of_sensor = np.zeros(len(laid.row), dtype=np.int64) if sensor is None else sensor[laid.row]
+    return np.asarray(np.unique(np.column_stack([laid.stamp_s, of_sensor]), axis=0, return_inverse=True)[1])
+
+
+def _matched(laid: Laid, rows: Ints, scan: Ints, sensor: Mapping[str, Any]) -> Bools:
+    """Which of some sightings (n,) have a landmark for themselves, where as many have as can."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import maximum_bipartite_matching
+    from scipy.spatial import cKDTree
+
+    count = min(MOST_IN_CELL, len(laid.mean_m))
+    nearest = cKDTree(laid.mean_m).query(laid.point_m[rows], k=count)[1].reshape(len(rows), count)
+    held = np.repeat(rows, count)
+    squared = squared_of(
+        laid.mean_m[nearest.ravel()], laid.origin[held], (laid.range_m[held], laid.bearing_rad[held]), sensor
+    )
+    near = squared < EXPLAINED_SQUARED
+    of_scan = np.repeat(scan, count)[near] * len(laid.mean_m) + nearest.ravel()[near]
+    columns = np.unique(of_scan, return_inverse=True)[1]
+    number = np.repeat(np.arange(len(rows)), count)[near]
+    links = csr_matrix((np.ones(len(number)), (number, columns)), (len(rows), int(columns.max()) + 1))
+    return np.asarray(maximum_bipartite_matching(links, perm_type="column") >= 0)
 
 
 def laid_on_provisional(result: RunResult, laid: Laid) -> int:
@@ -117,6 +162,15 @@ def laid_on_provisional(result: RunResult, laid: Laid) -> int:
     measured = laid.range_m[rows], laid.bearing_rad[rows]
     squared, _ = _best(mean_m, laid.origin[rows], measured, result.config["sensor"])
     return int((squared < EXPLAINED_SQUARED).sum())
+
+
+def wide_noise(log: Log, config: Mapping[str, Any]) -> Floats:
+    """Generous standard deviations (2,) of range and bearing: of their class, or half the stated if more."""
+    sensor, range_m = config["sensor"], log.sightings.range_m
+    usual_m = float(np.median(range_m[np.isfinite(range_m)]))
+    return np.array(
+        [max(0.04 * usual_m, 0.5 * sensor["range_std_m"]), max(0.04, 0.5 * sensor["bearing_std_rad"])]
+    )
 
 
 def sensor_poses(result: RunResult, stamp_s: Floats, mounting: Mapping[str, float]) -> Floats:

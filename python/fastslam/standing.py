@@ -218,6 +218,11 @@ def _by_chance(count: int, expected: float) -> float:
     return sum(exp(number * log(expected) - expected - lgamma(number + 1)) for number in range(count + 1))
 
 
+def more_by_chance(count: int, expected: float) -> float:
+    """Probability of so many or more where so many are expected (Poisson)."""
+    return 1.0 - _by_chance(count - 1, expected)
+
+
 def _middle(mean: Floats) -> tuple[Floats, Floats]:
     """Median (2,) and its standard error, from how the values spread."""
     median = _median(mean)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .crowded import crowded
 from .health import HealthStatus, health_summary
 from .laid import Laid, believed, laid_on_map, laid_on_provisional
 from .log import Bools, Log
@@ -25,6 +26,8 @@ FEW = 3
 """Fewer than this many landmarks that were not found again say nothing."""
 FEW_ODD = 4
 """Fewer than this many that are odd say nothing: what stands in front of a landmark for long makes it so."""
+FEW_CROWDED = 2
+"""Fewer than this many that stand for two things say nothing: one trunk may fork."""
 FOUND_TWICE = 0.8
 """So many of the landmarks that are there twice are found to be so."""
 MOST_NEW = 1 / 3
@@ -48,6 +51,7 @@ LOST = "lost"
 NOT_FOUND = "not found again"
 LANDMARKS = "landmarks"
 TWICE = "twice"
+CROWDED = "crowded"
 UNEXPLAINED = "unexplained"
 WAS_LOST = "the filter was lost"
 
@@ -205,6 +209,12 @@ def _of_stretches(result: RunResult, laid: Laid, log: Log) -> Iterator[Doubt]:
     if _is_named(result, log):
         return
     total = len(laid.mean_m)
+    both = len(crowded(result, log, laid))
+    sentence = (
+        f"scans show two things each where {both:,} of {total:,} landmarks stand: part of the map is "
+        "missing, or some things are seen double"
+    )
+    yield Doubt(CROWDED, both / max(FEW_CROWDED, MOST_WRONG * total), sentence)
     variance_m2 = 0.5 * np.trace(result.landmarks.covariance_m2[believed(result)], axis1=1, axis2=2)
     twice = len(twofold(laid, variance_m2, common_variance_m2(result.config["sensor"])))
     sentence = (

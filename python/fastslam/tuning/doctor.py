@@ -17,11 +17,12 @@ from ..examination.finding import Finding
 from ..examination.hypotheses import AS_IS, DEGREE, Hypothesis
 from ..examination.stretches import Bench
 from ..examination.subject import prepare
+from ..laid import wide_noise
 from ..log import Floats, Log
 from ..settings import Layer
 from ..several import refuse_several
 from .begin import DELAYS_S, LEAST_GAIN, LEAST_QUESTIONS, SPEED_GAINS, TURN_GAINS, nats_by_part, nats_of
-from .learn import SCALE, SIGNIFICANT, Value, wide_noise
+from .learn import SCALE, SIGNIFICANT, Value
 from .motion import DELAY, DISTANCE
 from .session import from_tracks
 

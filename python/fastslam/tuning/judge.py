@@ -10,10 +10,10 @@ import numpy as np
 
 from ..config import merge
 from ..health import health_summary
-from ..laid import laid_on_map
+from ..laid import explained_apart, laid_on_map
 from ..log import Log
 from ..result import RunResult
-from ..trust import LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED, Doubt, doubts
+from ..trust import CROWDED, LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED, Doubt, doubts
 from ..verdict import not_found_again
 
 MOST_LOST = 0.2
@@ -26,7 +26,7 @@ AS_MUCH = 0.02
 """A map explains as much as another if it explains less of the log by less than this."""
 OWN_SHARE = 0.2
 """Landmarks that explain less than this share of what those of a map do on average may be there twice."""
-OF_THE_MAP = (LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED)
+OF_THE_MAP = (CROWDED, LANDMARKS, LOST, NOT_FOUND, UNEXPLAINED)
 """What speaks against a map whatever its noise; innovations speak against the noise.
 
 Not what is there twice: of the one such map that was tried (a loop with a sensor that faces back) learning
@@ -80,7 +80,8 @@ class Judgement:
     landmarks: int
     """Landmarks that are believed."""
     explained: float
-    """Share of the sightings that lie near one of them, in noise that is the same for all runs."""
+    """Share of the sightings that lie near one of them that no other of their scan needs, in noise that is
+    the same for all runs."""
 
     @property
     def rank(self) -> int:
@@ -129,8 +130,9 @@ def judged(result: RunResult, log: Log, common: Mapping[str, Any], held: tuple[D
     landmarks = result.landmarks
     believed = len(landmarks.ids) if landmarks.confirmed is None else int(landmarks.confirmed.sum())
     noise = {name: common["sensor"][name] for name in ("range_std_m", "bearing_std_rad")}
-    laid = laid_on_map(replace(result, config=merge(result.config, {"sensor": noise})), log)
-    explained = 0.0 if laid is None else float(laid.explained.mean())
+    told = merge(result.config, {"sensor": noise})
+    laid = laid_on_map(replace(result, config=told), log)
+    explained = 0.0 if laid is None else float(explained_apart(laid, log, told["sensor"]).mean())
     fault = _fault_of(result)
     if fault is not None:
         return Judgement(fault, fault, believed, explained)

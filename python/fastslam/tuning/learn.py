@@ -13,6 +13,7 @@ from ..config import merge
 from ..datasets.clean import select_sightings
 from ..dead_reckoning import DeadReckoning, arc_twists, turning_points
 from ..errors import DataError
+from ..laid import wide_noise
 from ..log import Controls, Floats, Ints, Log, Sightings
 from .motion import (
     DELAY,
@@ -91,6 +92,8 @@ SLACK = {
 
 SIGNIFICANT times as much contradicts it.
 """
+ONE = ("_gain", "_scale")
+"""What is 1, not 0, where there is no error."""
 FAST = 0.75
 """Share of the rows of odometry that are slower than what is called fast."""
 
@@ -200,15 +203,6 @@ def stretch_of(sightings: Sightings, window: Ints, track: Ints) -> Stretch:
     stamps, first, pose = np.unique(chosen.stamp_s, return_index=True, return_inverse=True)
     joined = np.diff(window[kept][first]) == 0
     return Stretch(chosen, stamps, pose, np.unique(track[kept], return_inverse=True)[1], joined)
-
-
-def wide_noise(log: Log, config: Mapping[str, Any]) -> Floats:
-    """Generous standard deviations (2,) of range and bearing: of their class, or half the stated if more."""
-    sensor, range_m = config["sensor"], log.sightings.range_m
-    usual_m = float(np.median(range_m[np.isfinite(range_m)]))
-    return np.array(
-        [max(0.04 * usual_m, 0.5 * sensor["range_std_m"]), max(0.04, 0.5 * sensor["bearing_std_rad"])]
-    )
 
 
 def start_noise(parts: tuple[Part, ...], tied: Links, wide: Floats) -> Noise:
@@ -363,6 +357,20 @@ def facts_in(settings: Mapping[str, Any], above: str = "") -> frozenset[str]:
     for key, value in settings.items():
         found |= facts_in(value, f"{above}{key}.") if isinstance(value, Mapping) else {f"{above}{key}"}
     return frozenset(found & SLACK.keys() if not above else found)
+
+
+def facts_told(own: Mapping[str, Any], layer: Mapping[str, Any]) -> frozenset[str]:
+    """Keys that the settings over those of a log state, and of a log's `own` those that correct something.
+
+    **Why:** a log that a program wrote holds all settings there are. That no error is corrected is what all
+    begin with, and no statement that there is none; where a sensor is mounted somebody measured.
+    """
+    said = {
+        key
+        for key in facts_in(own)
+        if key.startswith("sensor.mounting.") or value_of(own, key) != (1.0 if key.endswith(ONE) else 0.0)
+    }
+    return facts_in(layer) | said
 
 
 def slacks_of(

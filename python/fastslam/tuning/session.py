@@ -12,6 +12,7 @@ from ..config import Config, merge
 from ..detection import own_settings, with_sightings
 from ..errors import DataError, FastSlamError
 from ..examination.hypotheses import AS_IS
+from ..laid import wide_noise
 from ..log import Floats, Ints, Log
 from ..result import RunResult
 from ..runner import configure, refuse_ranges_alone, run
@@ -30,7 +31,7 @@ from .learn import (
     Stretch,
     Value,
     errors_of,
-    facts_in,
+    facts_told,
     learn,
     of_turns_and_delay,
     problem_of,
@@ -38,7 +39,6 @@ from .learn import (
     start_noise,
     stretch_of,
     usable_sightings,
-    wide_noise,
     widened,
     without_noise,
 )
@@ -259,7 +259,7 @@ def _search(session: _Session, stated: RunResult | None) -> Attempt:
     while teaches and len(session.attempts) < MOST_RUNS and (best.fault is None or best.wider):
         relearned = session.learned_from_map(best)
         latest = None if relearned is None else session.attempt_again(best, relearned)
-        if latest is None or _better([best, latest]) is best:
+        if latest is None or _better(session.attempts) is not latest:
             break
         best, teaches = latest, _is_clearer(latest, best)
     session.finish()
@@ -321,7 +321,7 @@ def _better(attempts: list[Attempt]) -> Attempt:
     errors which last, each copy explains the sightings of its time. An earlier attempt is kept unless it
     loses the `least_nats` of a later one. One that was ended is none; the first run never is.
     """
-    whole = [attempt for attempt in attempts if not attempt.was_ended]
+    whole = _explaining_most([attempt for attempt in attempts if not attempt.was_ended])
     best = whole[0]
     for other in whole[1:]:
         sounder = other.judgement.rank - best.judgement.rank
@@ -330,6 +330,19 @@ def _better(attempts: list[Attempt]) -> Attempt:
         if (sounder, simpler, likelier) > (0, 0, False):
             best = other
     return best
+
+
+def _explaining_most(attempts: list[Attempt]) -> list[Attempt]:
+    """Attempts without the sound ones that explain less than another sound one does.
+
+    **Why here:** each may be simpler than the last and explain a little less; what is missing adds up.
+    """
+    sound = [attempt.judgement for attempt in attempts if attempt.is_sound]
+    return [
+        attempt
+        for attempt in attempts
+        if not attempt.is_sound or all(attempt.judgement.explains_as_much_as(other) for other in sound)
+    ]
 
 
 class _Session:
@@ -347,7 +360,7 @@ class _Session:
         self._report = report
         if len(log.sightings.stamp_s) == 0:
             raise DataError("the log has no sightings to learn from", log.source)
-        self._stated = Stated(config, facts_in(merge(own_settings(log), layer)))
+        self._stated = Stated(config, facts_told(own_settings(log), merge(layer)))
         self.until_s = float(np.quantile(log.sightings.stamp_s, LEARNED_SHARE))
         self.named = config["association"]["mode"] == "known" and bool((log.sightings.identity >= 0).any())
         self.attempts: list[Attempt] = []
