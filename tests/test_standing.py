@@ -158,3 +158,55 @@ def test_the_worlds_hold_some_of_each() -> None:
         for looks in map(Looks, map(world, range(6)))
     ]
     assert (np.array(found).sum(axis=0) >= 5).all(), found
+
+
+def aisles(*, walls: bool, gone: int, after: int) -> Laid:
+    """Six times to and fro in an aisle, then in the next one, and once more in the first.
+
+    Posts stand on both sides of both. With `walls` a post is sighted from the aisle on its side alone. The
+    first `gone` ones vanish after the first so many passes.
+    """
+    rng = np.random.default_rng(4)
+    along = np.arange(4.0, 37.0, 3.0)
+    mean_m = np.vstack([np.column_stack([along, np.full(len(along), y)]) for y in (2.2, 0.2, -0.2, -2.2)])
+    steps = np.arange(0.0, 40.0, 0.5)
+    there = np.column_stack([steps, np.full(len(steps), 1.2), np.zeros(len(steps))])
+    back = np.column_stack([steps[::-1], np.full(len(steps), 1.2), np.full(len(steps), np.pi)])
+    first = np.vstack([there, back] * 3)
+    pose = np.vstack([first, first * [1.0, -1.0, 1.0], there])
+    apart = mean_m - pose[:, None, :2]
+    range_m = np.hypot(apart[..., 0], apart[..., 1])
+    bearing = np.arctan2(apart[..., 1], apart[..., 0]) - pose[:, None, 2]
+    bearing = (bearing + np.pi) % (2.0 * np.pi) - np.pi
+    seen = (range_m < 8.0) & (np.abs(bearing) < 2.0) & (rng.uniform(size=range_m.shape) < 0.9)
+    if walls:
+        seen &= np.sign(mean_m[:, 1]) == np.sign(pose[:, None, 1])
+    seen[after * len(there) :, :gone] = False
+    frame, landmark = np.nonzero(seen)
+    return Laid(
+        row=np.arange(len(frame)),
+        stamp_s=frame.astype(float),
+        squared=np.zeros(len(frame)),
+        landmark=landmark.astype(np.int64),
+        frame=np.unique(frame, return_inverse=True)[1].astype(np.int64),
+        mean_m=mean_m,
+        origin=pose[frame],
+        range_m=range_m[frame, landmark],
+        bearing_rad=bearing[frame, landmark],
+    )
+
+
+def test_what_a_rack_hides_is_not_gone_and_what_is_carried_away_from_it_is() -> None:
+    walled, open_ground = aisles(walls=True, gone=0, after=0), aisles(walls=False, gone=0, after=0)
+    assert not Looks(walled)._are_hardly_hidden() and Looks(open_ground)._are_hardly_hidden()
+    # Hidden from the other aisle, in which the robot is for six passes.
+    assert list(Looks(walled).gone()) == [] and list(Looks(open_ground).gone()) == []
+    for walls in (True, False):
+        found = list(Looks(aisles(walls=walls, gone=5, after=2)).gone())
+        assert set(found) <= set(range(5)) and len(found) >= 4, (walls, found)
+
+
+def test_a_post_that_nothing_can_hide_is_gone_wherever_it_is_missed() -> None:
+    looks = Looks(aisles(walls=True, gone=0, after=0))
+    looks._are_hardly_hidden = lambda: True  # type: ignore[method-assign]
+    assert len(list(looks.gone())) >= 5

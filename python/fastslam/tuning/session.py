@@ -125,14 +125,16 @@ class Tuning:
 
         A robot that slips or was carried away has no right map under any noise, and under one that is wide
         enough nothing speaks against a wrong one. Where the first map was doubted, only one of fewer
-        landmarks that explain as much is believed, or with names one that explains as much.
+        landmarks that explain as much is believed, or with names one that explains as much. How much one that
+        was ended would have explained nobody knows.
         """
         first, best = self.attempts[0], self.best
         if best is first or first.is_sound:
             return None
         plain, found = first.judgement, best.judgement
         named = self.result.config["association"]["mode"] == "known"
-        if (named or found.landmarks < plain.landmarks) and found.explains_as_much_as(plain):
+        explains = first.was_ended or found.explains_as_much_as(plain)
+        if (named or found.landmarks < plain.landmarks) and explains:
             return None
         return (
             f"with the settings as they are {plain.doubt}; with what the log teaches the map is no simpler, "
