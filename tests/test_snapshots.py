@@ -110,7 +110,7 @@ def test_files_of_this_format_are_read_and_older_ones_refused_with_the_reason(ki
         assert len(expected["landmarks_m"]) == 8 and robot.landmarks.ids[0] == "oak"
         _fed(robot, 9, 12)
         read += 1
-    assert read == 11
+    assert read == 10
 
 
 def _log() -> Log:

@@ -38,8 +38,8 @@ def crowded(result: RunResult, log: Log, laid: Laid) -> list[int]:
     looks, crowds = _looks(laid, laid.explained), _looks(laid, left_over)
     order = np.argsort(crowds / np.maximum(looks, 1), kind="stable")
     usual = order[: int(np.ceil(USUAL * len(order)))]
-    # One more than there were: that none was seen says that they are rare.
-    rate = (1 + crowds[usual].sum()) / max(int(looks[usual].sum()), 1)
+    # One more than there were in all: that none was seen says that they are rare.
+    rate = crowds[usual].sum() / max(int(looks[usual].sum()), 1) + 1 / max(int(looks.sum()), 1)
     return [
         landmark
         for landmark in np.flatnonzero(crowds).tolist()

@@ -29,12 +29,6 @@ APART_STDS = 3.0
 HALF_LOOKS = 8
 MOVED_ERRORS = 6.0
 """Halves of a landmark's sightings lie so many standard errors apart, and further than one sighting errs."""
-DIRECTIONS = 24
-"""Of so many directions those from which a landmark was never sighted may be hidden."""
-RARELY = 0.01
-"""Hidden is what is missed in a direction more often than chance would have it: as rarely as this."""
-AS_FAR = 1.2
-"""A landmark is not hidden so many times as far as it was sighted from in a direction."""
 MOST_CELLS = 5_000_000
 """Looks, or landmarks, times landmarks; of larger maps every n-th landmark is looked at."""
 ROUNDING = 1.0 + 1e-9
@@ -95,42 +89,6 @@ class Looks:
         shown[near] = (aside < self._aside) & (np.hypot(dx_m, dy_m) < reach_m)
         return shown
 
-    def _vantage(self, landmark: int) -> tuple[Floats, Ints]:
-        """How far (L,) and in which direction of a landmark each look was taken."""
-        x_m, y_m = self._laid.mean_m[landmark]
-        turn = np.arctan2(self._y_m - y_m, self._x_m - x_m) / (2 * np.pi)
-        direction = np.floor(turn * DIRECTIONS).astype(np.int64) % DIRECTIONS
-        return np.hypot(x_m - self._x_m, y_m - self._y_m), direction
-
-    def _in_sight(self, landmark: int) -> Bools:
-        """From which looks (L,) it was sighted at some time, in that direction and as far: no wall hides."""
-        range_m, direction = self._vantage(landmark)
-        farthest = np.zeros(DIRECTIONS)
-        looks = self._of[self._rows[landmark]]
-        np.maximum.at(farthest, direction[looks], range_m[looks])
-        return np.asarray(range_m <= AS_FAR * farthest[direction])
-
-    def _are_hardly_hidden(self) -> bool:
-        """Whether landmarks are hidden in fewer than one of a hundred directions in which they are in view.
-
-        Between their first and their last sighting, when they stood there.
-
-        **Why:** a reflector on a rack is in view from every aisle, and sighted from one.
-        """
-        seen, hidden = 0, 0
-        for landmark in self.chosen.tolist():
-            in_view, sighted = self._shown(landmark)
-            shown = np.flatnonzero(sighted)
-            if len(shown) < 3:
-                continue
-            between = np.flatnonzero(in_view[shown[0] : shown[-1]]) + shown[0]
-            direction = self._vantage(landmark)[1][between]
-            looks, found = (np.bincount(direction, some, DIRECTIONS) for some in (None, sighted[between]))
-            missed = (1.0 - found.sum() / looks.sum()) ** looks
-            seen += int((found > 0).sum()) - 1
-            hidden += int(((found == 0) & (looks > 0) & (missed < RARELY)).sum())
-        return hidden + 1 < RARELY * (hidden + seen + 2)
-
     def _sighted(self, landmark: int) -> Bools:
         shown = np.zeros(self._count, dtype=np.bool_)
         shown[self._of[self._rows[landmark]]] = True
@@ -147,19 +105,14 @@ class Looks:
     def gone(self) -> Iterator[int]:
         """Landmarks that were in view too often before the first or after the last sighting.
 
-        By the rate at which each is sighted between the two, from as near as it is sighted mostly. Where
-        things are hidden, from where it was sighted.
+        By the rate at which each is sighted between the two, from as near as it is sighted mostly.
         """
-        hardly_hidden = self._are_hardly_hidden()
         for landmark in self.chosen.tolist():
             rows = self._rows[landmark]
             if len(rows) < LEAST_LOOKS:
                 continue
             own_m = min(self._reach_m, float(np.quantile(self._laid.range_m[rows], VIEW_SHARE)))
-            in_view = self._in_view(landmark, own_m)
-            if not hardly_hidden:
-                in_view &= self._in_sight(landmark)
-            sighted = self._sighted(landmark)[in_view]
+            sighted = self._sighted(landmark)[self._in_view(landmark, own_m)]
             shown = np.flatnonzero(sighted)
             if len(shown) < 3:
                 continue

@@ -14,7 +14,7 @@ use serde_json::Value;
 /// What every snapshot begins with.
 const MAGIC: [u8; 8] = *b"fastslam";
 /// Layout of what is stored. It goes up whenever a stored type changes; a stored file in the tests tells when.
-pub const FORMAT: u32 = DIRECTIONS;
+pub const FORMAT: u32 = KEYFRAMES;
 /// The oldest format that is still read.
 const OLDEST_FORMAT: u32 = 2;
 /// The first format with what a filter was given to begin with behind its state.
@@ -35,8 +35,6 @@ pub(crate) const SENSORS: u32 = 9;
 pub(crate) const KEPT_MAPS: u32 = 10;
 /// The first format with a past of which old steps may be forgotten.
 pub(crate) const KEYFRAMES: u32 = 11;
-/// The first format with from where landmarks were sighted.
-pub(crate) const DIRECTIONS: u32 = 12;
 /// Magic, format, length of the content, checksum of the content.
 const PREAMBLE: usize = MAGIC.len() + 4 + 8 + 4;
 
@@ -257,7 +255,7 @@ mod tests {
         assert!(message(b"PK").contains("no snapshot of fastslam"));
         let mut newer = sealed();
         newer[8] += 1;
-        assert!(message(&newer).contains("a newer format, 13; this version reads 2 to 12"));
+        assert!(message(&newer).contains("a newer format, 12; this version reads 2 to 11"));
         assert!(message(&sealed()[..99]).contains("cut off"));
         let of_a_run = seal(&Head::of_run(&Config::default(), Identities::All).unwrap(), &0).unwrap();
         assert!(message(&of_a_run).contains("of a run"));

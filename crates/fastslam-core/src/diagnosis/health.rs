@@ -1,6 +1,5 @@
 //! Whether the filter can still be believed, and if not, why.
 
-use super::directions::Directions;
 use super::kept_map::KeptMap;
 use super::looks::{InView, Looks, MapInView};
 use super::names::Names;
@@ -385,16 +384,6 @@ impl Watch {
     /// Takes note of whether a landmark that is in view was sighted, in what the scan shows of the map.
     pub fn looked(&mut self, in_view: &mut MapInView, landmark: InView) {
         self.looks.looked(in_view, landmark);
-    }
-
-    /// From where each landmark was sighted.
-    pub fn directions(&self) -> &Directions {
-        &self.looks.directions
-    }
-
-    /// As [`Self::directions`].
-    pub fn directions_mut(&mut self) -> &mut Directions {
-        &mut self.looks.directions
     }
 
     /// What was seen lately of the map in which the robot began.

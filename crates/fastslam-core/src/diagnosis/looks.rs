@@ -1,6 +1,5 @@
 //! Looks at the map: what a scan should have shown of it, and what it showed.
 
-use super::directions::{Directions, Vantage};
 use super::kept_map::KeptMap;
 use super::revisits::{Returns, Revisits};
 use crate::geometry::Pose;
@@ -43,8 +42,6 @@ pub(crate) struct InView {
     pub birth: u64,
     /// Whether the scan shows it.
     pub sighted: bool,
-    /// From where; `None` for filters that keep no account of it, to which all is in sight that is in view.
-    pub from: Option<Vantage>,
 }
 
 /// How often each landmark was looked for, and sighted.
@@ -67,9 +64,6 @@ pub(super) struct Looks {
     /// Of a robot that began in one.
     #[serde(skip)]
     pub kept_map: KeptMap,
-    /// From where each landmark was sighted.
-    #[serde(skip)]
-    pub directions: Directions,
 }
 
 impl Looks {
@@ -91,28 +85,14 @@ impl Looks {
     /// Takes note of whether a landmark that is in view was sighted, in what the scan shows of the map.
     pub fn looked(&mut self, in_view: &mut MapInView, landmark: InView) {
         let share = self.add(landmark);
-        self.return_to(landmark, share);
+        self.revisits.in_view(landmark.birth, landmark.sighted, share);
         in_view.landmarks += 1;
         in_view.expected += share;
         in_view.sighted += u32::from(landmark.sighted);
     }
 
-    /// Takes note of a look at a landmark to which the robot may have come back: a miss says nothing from where it was
-    /// never sighted.
-    fn return_to(&mut self, InView { birth, sighted, from }: InView, share: f64) {
-        let is_in_sight = from.is_none_or(|from| self.directions.is_in_sight(birth, from));
-        match from {
-            Some(from) if sighted => self.directions.sighted(birth, from),
-            Some(from) => self.directions.missed(birth, from, share),
-            None => {}
-        }
-        if sighted || is_in_sight {
-            self.revisits.in_view(birth, sighted, share);
-        }
-    }
-
     /// Takes note of a look; returns the share of looks like it that found the landmark before.
-    fn add(&mut self, InView { birth, sighted, .. }: InView) -> f64 {
+    fn add(&mut self, InView { birth, sighted }: InView) -> f64 {
         let place = birth as usize;
         if self.of_landmark.len() <= place {
             self.of_landmark.resize(place + 1, [0; 2]);

@@ -4,7 +4,6 @@
 
 pub(crate) mod by_sensor;
 pub(crate) mod detectability;
-pub(crate) mod directions;
 pub(crate) mod health;
 pub(crate) mod innovations;
 pub(crate) mod kept_map;

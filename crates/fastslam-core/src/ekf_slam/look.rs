@@ -24,7 +24,7 @@ impl<M: Placing> EkfSlam<M> {
             if outlook.contains(self.landmark_mean(index)) {
                 let birth = u64::from(index);
                 let sighted = self.state.watch.has_matched(birth);
-                self.state.watch.looked(&mut in_view, InView { birth, sighted, from: None });
+                self.state.watch.looked(&mut in_view, InView { birth, sighted });
             }
         }
         Some(in_view)

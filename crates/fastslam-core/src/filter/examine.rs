@@ -6,7 +6,6 @@ use super::setup::Setup;
 use super::state::State;
 use super::work::{Examination, Pair, Prediction, Work, SUBSET};
 use crate::association::{by_robot_pose, Box2, Decision, Identities, ScanSighting};
-use crate::diagnosis::directions::Vantage;
 use crate::diagnosis::innovations::{PredictedScan, JOINT_MAX};
 use crate::diagnosis::looks::{InView, MapInView};
 use crate::diagnosis::Returns;
@@ -145,9 +144,7 @@ fn look_at_map<M>(setup: &Setup<M>, state: &mut State, work: &mut Work, best: us
             continue;
         }
         let sighted = associating.table.candidate_of(slot).is_some_and(|candidate| sighted[candidate as usize]);
-        let [x, y] = Planar::mean_of(row);
-        let from = Some(Vantage::new([sensor.x - x, sensor.y - y], view.far_m));
-        diagnosis.watch.looked(&mut in_view, InView { birth, sighted, from });
+        diagnosis.watch.looked(&mut in_view, InView { birth, sighted });
         if near.as_ref().is_some_and(|near| near.from(pose).contains(Planar::mean_of(row))) {
             diagnosis.watch.looked_at_kept(birth, sighted);
         }

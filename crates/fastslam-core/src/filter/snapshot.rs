@@ -9,7 +9,6 @@ use super::given::Given;
 use super::need::Returns;
 use super::setup::Setups;
 use super::state::{Drawing, State};
-use crate::diagnosis::directions::Directions;
 use crate::diagnosis::kept_map::KeptMap;
 use crate::diagnosis::misfits::Lately;
 use crate::error::Result;
@@ -17,7 +16,7 @@ use crate::measurement::Placing;
 use crate::random::Purpose;
 use crate::smoothing::Keyframes;
 use crate::snapshot::{content, open, seal, Head, Holds, Stored};
-use crate::snapshot::{BESIDE, DIRECTIONS, ERRORS, FADING, GIVEN_MAPS, KEPT_MAPS, KEYFRAMES, RETURNS, SENSORS};
+use crate::snapshot::{BESIDE, ERRORS, FADING, GIVEN_MAPS, KEPT_MAPS, KEYFRAMES, RETURNS, SENSORS};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
@@ -38,13 +37,9 @@ struct WithSensors(WithErrors, (Eyes, Vec<u8>));
 #[derive(Deserialize)]
 struct WithKeptMap(WithSensors, KeptMap);
 
-/// The same with which poses of the path are steps of the past.
+/// The same with what the last format added: which poses of the path are steps of the past.
 #[derive(Deserialize)]
-struct WithKeyframes(WithKeptMap, Option<Keyframes>);
-
-/// The same with what the last format added: from where landmarks were sighted.
-#[derive(Deserialize)]
-struct Whole(WithKeyframes, Directions);
+struct Whole(WithKeptMap, Option<Keyframes>);
 
 /// A former state, to be written.
 type FormerRef<'a> = (&'a State, &'a Given, &'a Option<Fading>, (Option<&'a Returns>, &'a Lately));
@@ -57,7 +52,7 @@ type WithSensorsRef<'a> = (WithErrorsRef<'a>, (&'a Eyes, &'a [u8]));
 
 /// The whole, to be written.
 #[derive(Serialize)]
-struct WholeRef<'a>(((WithSensorsRef<'a>, &'a KeptMap), Option<&'a Keyframes>), &'a Directions);
+struct WholeRef<'a>((WithSensorsRef<'a>, &'a KeptMap), Option<&'a Keyframes>);
 
 impl<'a> WholeRef<'a> {
     fn of(state: &'a State) -> Self {
@@ -68,8 +63,7 @@ impl<'a> WholeRef<'a> {
         let former = (state, &state.given, &state.landmarks.fading, (returns, lately));
         let keyframes = state.rejuvenation.as_ref().map(|rejuvenation| &rejuvenation.history.keyframes);
         let with_sensors = ((former, errors), (&state.diagnosis.eyes, sensors));
-        let watch = &state.diagnosis.watch;
-        Self(((with_sensors, watch.kept_map()), keyframes), watch.directions())
+        Self((with_sensors, state.diagnosis.watch.kept_map()), keyframes)
     }
 }
 
@@ -115,7 +109,6 @@ pub(super) fn restored<M: Placing>(setups: &Arc<Setups<M>>, snapshot: &[u8]) -> 
         ERRORS..SENSORS => with_draw::<WithErrors, M>(&stored, setups, &mut beside)?,
         SENSORS..KEPT_MAPS => with_draw::<WithSensors, M>(&stored, setups, &mut beside)?,
         KEPT_MAPS..KEYFRAMES => with_draw::<WithKeptMap, M>(&stored, setups, &mut beside)?,
-        KEYFRAMES..DIRECTIONS => with_draw::<WithKeyframes, M>(&stored, setups, &mut beside)?,
         _ => with_draw::<Whole, M>(&stored, setups, &mut beside)?,
     };
     let mut engine = Engine::new(setups, ready(setups, state, Drawing::of(&settings.config)));
@@ -145,15 +138,7 @@ impl From<Former> for State {
 }
 
 impl From<Whole> for State {
-    fn from(Whole(former, directions): Whole) -> Self {
-        let mut state = Self::from(former);
-        *state.diagnosis.watch.directions_mut() = directions;
-        state
-    }
-}
-
-impl From<WithKeyframes> for State {
-    fn from(WithKeyframes(former, keyframes): WithKeyframes) -> Self {
+    fn from(Whole(former, keyframes): Whole) -> Self {
         let mut state = Self::from(former);
         if let Some((rejuvenation, keyframes)) = state.rejuvenation.as_mut().zip(keyframes) {
             rejuvenation.history.keyframes = keyframes;

@@ -109,7 +109,7 @@ impl<S: Sensing<Z>, const Z: usize> PartialSlam<S, Z> {
             let counted = unnamed.sightings_of(best, slot, &self.state.cloud.names) >= SIGHTINGS_TO_COUNT;
             if counted && outlook.contains(gaussian.mean) {
                 let birth = unnamed.births[best][slot];
-                watch.looked(&mut in_view, InView { birth, sighted: watch.has_matched(birth), from: None });
+                watch.looked(&mut in_view, InView { birth, sighted: watch.has_matched(birth) });
             }
         }
         Some(in_view)
